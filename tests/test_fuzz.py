@@ -15,7 +15,7 @@ from corruptions import CORRUPTIONS, Folder
 from numpy.random import default_rng
 from simulated import error_of
 
-from profilecal.calibration.calibration import calibrate
+from profilecal.calibration.calibrate import calibrate
 from profilecal.geometry.noise import normalised_square
 from profilecal.scan.folder import read_scan
 from profilecal.scan.tables import ScanError

@@ -23,7 +23,8 @@ PUBLIC = {  # by the module that has them
     "scan.folder": ["read_scan", "write_scan"],
     "simulation.spec": ["simulate", "Truth"],
     # one calibration for every target
-    "calibration.calibration": ["calibrate", "Calibration", "write_answer"],
+    "calibration.calibrate": ["calibrate"],
+    "calibration.calibration": ["Calibration", "write_answer"],
     "calibration.self_test": ["self_test", "SelfTest"],
     "calibration.verify": ["verify", "Verification"],
     "calibration.answer": ["read_answer", "Answer"],

@@ -1,8 +1,8 @@
 # The public names, for type checkers and editors: `PUBLIC` of `__init__.py` once more.
 from profilecal.calibration.answer import Answer as Answer
 from profilecal.calibration.answer import read_answer as read_answer
+from profilecal.calibration.calibrate import calibrate as calibrate
 from profilecal.calibration.calibration import Calibration as Calibration
-from profilecal.calibration.calibration import calibrate as calibrate
 from profilecal.calibration.calibration import write_answer as write_answer
 from profilecal.calibration.check_mount import MountCheck as MountCheck
 from profilecal.calibration.check_mount import check_mount as check_mount

@@ -4,7 +4,8 @@ from collections import Counter
 
 import numpy as np
 
-from profilecal.calibration.observe import as_observations, doubts, observe
+from profilecal.calibration.doubts import doubts
+from profilecal.calibration.observe import as_observations, observe
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.fitting import affine_residuals
 from profilecal.geometry.noise import Noise, chi2_limit

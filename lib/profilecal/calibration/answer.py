@@ -1,11 +1,12 @@
 """A sensor pose with its uncertainty, as one calibration hands it to the next step."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray
@@ -24,6 +25,15 @@ EXPECTED = (
 )
 
 
+class Placed(NamedTuple):
+    """A target of a calibration, where it stands."""
+
+    kind: str
+    sizes: Sequence[float]  # its lengths, mm
+    origin: Sequence  # (3,) mm
+    axes: Sequence  # (3, 3)
+
+
 @dataclass(frozen=True, eq=False)
 class Joint:
     """All that a calibration found, by which other poses are predicted."""
@@ -31,8 +41,7 @@ class Joint:
     columns: list[str]  # (n,) names of the unknowns and of the errors considered
     mean: list[float]  # (n,) of what is left of them at the answer, mm and rad
     covariance: list[list[float]]  # (n, n)
-    # of each target: kind, lengths, origin (3,) and axes (3, 3)
-    targets: list[list]
+    targets: list[list]  # `Placed` of each
     robot_errors: dict[str, float]  # entries of `Noise`
     freedom: float  # degrees of freedom with which these are known
     noise_factor: float  # the scanner's noise over what profiles show themselves
@@ -100,8 +109,8 @@ def fingerprints(scan: Scan) -> list[str]:
 
 
 def sample(scan: Scan) -> list[str]:
-    """The fingerprints by which a scan, or a part of it, is known again; of many an
-    even choice.
+    """The fingerprints by which a scan, or a part of it, is known again; of many those
+    that are first in order, which is by chance, as hashes are.
     """
     return sorted({*fingerprints(scan)} - {""})[:MOST_PRINTS]
 

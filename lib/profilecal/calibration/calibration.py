@@ -1,10 +1,10 @@
-"""From a user's scans to a sensor pose with its evidence: observations, joint solution,
-and what to tell the user.
+"""What is found from a user's scans: a sensor pose with its evidence, and what to tell
+the user; as JSON.
 """
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from itertools import chain, compress
@@ -15,42 +15,15 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import RigidTransform
 
-from profilecal.calibration import plausibility
-from profilecal.calibration.answer import (
-    Answer,
-    answer_in,
-    fingerprints,
-    in_mm_deg,
-    sample,
-)
-from profilecal.calibration.memory import check_memory
-from profilecal.calibration.mount import contradiction, rests_on
-from profilecal.calibration.observe import (
-    Seen,
-    doubts,
-    names,
-    observe_all,
-    stated_noise,
-    with_few_joined,
-)
-from profilecal.calibration.other_conventions import better_readings
+from profilecal.calibration.answer import Answer, Joint, Placed, in_mm_deg, sample
 from profilecal.calibration.points import point_sd
-from profilecal.geometry.checks import (
-    UnobservableError,
-    check_array,
-    check_rigid,
-    check_type,
-)
+from profilecal.calibration.several_scans import prefixes
+from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import SMOOTH
 from profilecal.geometry.observability import name_direction
-from profilecal.geometry.poses import carry
-from profilecal.joint.prior import Mount, Prior, prior_from
 from profilecal.joint.solution import Solution, column_names
-from profilecal.joint.solve import solve
-from profilecal.scan.scan import GUESS_SD, MOUNTS, Scan
-from profilecal.scan.tables import ScanError, listed
+from profilecal.scan.scan import MOUNTS, Scan
 from profilecal.targets.observations import Observations
 from profilecal.targets.target import Target
 
@@ -78,7 +51,8 @@ class Calibration:
     # None where measurements are fewer than unknowns
     solution_or_none: Solution | None = None
     messages: tuple[str, ...] = ()  # sentences a person can act on
-    # the data contradict what is stated, as `messages` say; more poses would not help
+    # the data contradict what is stated, as `messages` say; more poses would not help.
+    # It may be so where the status is "ok": the covariance then allows for it
     misread: bool = False
 
     @property
@@ -105,8 +79,16 @@ class Calibration:
         """As `write_answer` writes it and `read_answer` reads it. Raises
         UnobservableError.
         """
-        self.known_solution  # noqa: B018
-        return answer_in(self.to_json() | {"made": self.made})
+        return Answer(
+            pose=self.pose,
+            covariance_total_mm_deg=self.covariance_total_mm_deg,
+            noise_mm=self.noise_mm,
+            mount=self.mount,
+            status=self.status,
+            joint=Joint(**joint_entries(self.scans, self.solution)),
+            covariance_mm_deg=self.covariance_mm_deg,
+            fingerprints=tuple(chain.from_iterable(map(sample, self.scans))),
+        )
 
     @property
     def mount(self) -> str:
@@ -256,7 +238,7 @@ class Calibration:
         """Of the poses from which the target was found; with the scan's title before
         them where there are several scans.
         """
-        triples = zip(names(self.scans), self.scans, self.seen, strict=True)
+        triples = zip(prefixes(self.scans), self.scans, self.seen, strict=True)
         return [
             [before + scan.labels[i] for i in seen] for before, scan, seen in triples
         ]
@@ -379,7 +361,7 @@ def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
         "mean": np.r_[np.zeros(problem.n), sizes.mean[problem.n :]],
         "covariance": sizes.covariance,
         "targets": [
-            [scan.kind, scan.sizes, origin[0], axes[0]]
+            Placed(scan.kind, scan.sizes, origin[0], axes[0])
             for scan, (origin, axes) in frames
         ],
         "robot_errors": robot_errors | {"steering_mm": solution.noise.steering_mm},
@@ -389,229 +371,10 @@ def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
 
 
 def observability_entries(solution: Solution, frame: str) -> dict[str, Any]:
-    """How well each direction is determined."""
+    """How well each direction is determined; "singular_values" are 1 / sd, as those of
+    residuals' derivatives over the noise.
+    """
     known = solution.observability
     worst = name_direction(known.directions[0], solution.rotation, frame)
     singular_values = 1 / np.maximum(known.sd, np.finfo(float).eps)
     return {"singular_values": singular_values, "worst_direction": worst}
-
-
-def calibrate(
-    scans: Scan | Iterable[Scan],
-    guess: ArrayLike | RigidTransform | None = None,
-    guess_sd: tuple[float, float] = GUESS_SD,
-) -> Calibration:
-    """The sensor pose from one scan or several of one sensor.
-
-    It is the most likely one, with the places of all targets, by all measurements
-    together (notebook 40), and says how far it can be believed.
-
-    Parameters
-    ----------
-    scans : Scan or iterable of Scan
-        What one scanner on one mount saw of one target or several.
-    guess : array (4, 4) or RigidTransform, optional
-        Where the sensor is believed to be, mm; left out, what a scan has of it. The
-        answer is compared with it, and rests on it where the scans leave it open, as
-        `messages` then say.
-    guess_sd : (float, float)
-        How good the guess is: standard deviations of each component, mm and degrees.
-
-    Returns
-    -------
-    Calibration
-        With the status "ok", "weak" (solved, but not to be relied on) or
-        "unobservable" (no pose: the motions leave it open, or the data contradict each
-        other). `messages` say why, and what to do.
-
-    Raises
-    ------
-    ScanError
-        For scans that do not belong together or hold too little.
-    TypeError
-        For what is no Scan: `Scan.of` and `read_scan` make one.
-
-    See Also
-    --------
-    verify : whether another scan agrees with the answer.
-    self_test : whether the stated uncertainty can be believed here.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import profilecal as pc
-    >>> scan, truth = pc.simulate("disk", seed=1, groups=6, positions=10)
-    >>> found = pc.calibrate(scan)
-    >>> found.status
-    'ok'
-    >>> off = found.pose - truth.pose
-    >>> bool(np.abs(off[:3, 3]).max() < 0.5)  # mm
-    True
-    """
-    if not isinstance(scans, Iterable):
-        scans = [scans]  # one scan, or what is none
-    scans = tuple(scans)
-    check_scans(scans)
-    stated, mount = stated_noise(scans), mount_of(scans, guess, guess_sd)
-    check_different(scans)
-    scans, merged = with_few_joined(scans)
-    seen, observed, features_mm = observe_all(scans)
-    check_memory(observed)
-    shared_mm = max(entry.shared_mm for entry in seen)
-    prior = replace(prior_from(stated, features_mm, shared_mm), mount=mount)
-    notes = merged + by_scan(scans, [entry.remarks for entry in seen])
-    asked = by_scan(scans, [doubts(scan) for scan in scans])
-    try:
-        solution, wrong = believed(scans, seen, observed, prior)
-        observed, messages = tuple(solution.problem.observations), solution.messages
-    except UnobservableError as error:
-        solution, wrong, messages = None, False, (str(error),)
-    if solution and asked and solution.status == "ok":
-        solution = replace(solution, status="weak")
-    readings = []
-    if not solution or solution.status != "ok":
-        delay_ms = 1e3 * (solution.delay_s or 0.0) if solution else 0.0
-        standing = [scan.at_rest(delay_ms) for scan in scans]
-        readings = by_scan(scans, [*map(better_readings, standing, seen)])
-    if readings:
-        messages = ()
-        solution = solution and replace(solution, status="unobservable")
-    return Calibration(
-        scans=scans,
-        seen=tuple(entry.poses for entry in seen),
-        observed=observed,
-        solution_or_none=solution,
-        messages=(*readings, *notes, *asked, *messages),
-        misread=wrong or bool(readings),
-    )
-
-
-def believed(
-    scans: Sequence[Scan],
-    seen: Sequence[Seen],
-    observed: Sequence[Observations],
-    prior: Prior,
-) -> tuple[Solution, bool]:
-    """The joint solution with the status and the messages that its residuals, the
-    stated sides and what is known of the mount leave it, and whether these speak
-    against it.
-
-    Raises UnobservableError where measurements are fewer than unknowns.
-    """
-    mount = prior.mount
-    starts = [(mount.rotation, mount.translation)] if mount else []
-    alone = solve(observed, replace(prior, mount=None), starts=starts)
-    solution, doubted = plausibility.check(alone)
-    messages, against = [], ""
-    if mount and np.isfinite(mount.sd).any():  # else a start, no more
-        if solution.status != "ok":
-            both, wrong = plausibility.check(solve(observed, prior, starts=starts))
-            if not (wrong or contradiction(both, mount)):
-                solution, doubted = both, False
-                messages = rests_on(both, mount)
-        if not messages and solution.status != "unobservable":
-            against = contradiction(solution, mount)
-    remarks, wrong_side = remarks_on_targets(scans, seen, solution)
-    status = solution.status
-    if status == "ok" and (wrong_side or against):
-        status = "weak"
-    messages += [against] * bool(against) + [*solution.messages, *remarks]
-    solution = replace(solution, status=status, messages=tuple(messages))
-    return solution, doubted or wrong_side or bool(against)
-
-
-def mount_of(
-    scans: Sequence[Scan],
-    guess: ArrayLike | RigidTransform | None,
-    guess_sd: Sequence[float],
-) -> Mount | None:
-    """What is known of the mount: a guess, or the first that a scan has."""
-    for scan in scans:
-        if guess is None and scan.guess is not None:
-            guess, guess_sd = scan.guess, scan.guess_sd
-    if guess is None:
-        return None
-    if isinstance(guess, Scan):
-        raise TypeError("guess is a Scan; expected several scans as one list")
-    if isinstance(guess, RigidTransform):
-        guess = guess.as_matrix()
-    T = check_array("guess", guess, (4, 4))
-    check_rigid("guess", T[None])
-    check_array("guess_sd", guess_sd, (2,), finite=False)
-    if not min(guess_sd) > 0:
-        raise ValueError(f"guess_sd is {guess_sd}; expected mm and degrees above 0")
-    sd = np.repeat([guess_sd[0], np.radians(guess_sd[1])], 3)
-    return Mount(T[:3, :3], T[:3, 3], sd)
-
-
-def by_scan(scans: Sequence[Scan], sentences: Sequence[Iterable[str]]) -> list[str]:
-    """The sentences on each scan, with its name before them where there are several."""
-    pairs = zip(names(scans), sentences, strict=True)
-    return [name + sentence for name, of_scan in pairs for sentence in of_scan]
-
-
-def remarks_on_targets(
-    scans: Sequence[Scan], seen: Sequence[Seen], solution: Solution
-) -> tuple[list[str], bool]:
-    """Targets that the solution puts on the other side of the scan plane than the scan
-    states, in words, and whether they speak against the solution: one pose may be in
-    error, but not most of them.
-    """
-    remarks, wrong = [], False
-    parts = zip(
-        names(scans),
-        scans,
-        seen,
-        solution.problem.observations,
-        solution.placements,
-        strict=True,
-    )
-    for name, scan, entry, observed, target in parts:
-        R, p = observed.R_flange[0], observed.T_flange[0]
-        origins = carry(R, p, solution.translation)
-        stated = scan.side[entry.poses]
-        other = stated * target.sides(R @ solution.rotation, origins) < 0
-        if other.any():
-            labels = listed([scan.labels[i] for i in entry.poses[other]])
-            remarks.append(
-                f"{name}the {scan.kind}'s centre lies on the other side of the scan "
-                f"plane than stated for pose {labels}; check side, x and z of the "
-                "profiles, or turn the sensor's y axis round"
-            )
-            wrong |= bool(2 * other.sum() > np.count_nonzero(stated))
-    return remarks, wrong
-
-
-def check_scans(scans: Sequence[Scan]) -> None:
-    """Refuse what is no scan, with TypeError, and scans of several mounts or delays."""
-    if not scans:
-        raise ScanError("no scans given; expected at least one")
-    for scan in scans:
-        check_type("scans", scan, Scan)
-    if len({scan.mount for scan in scans}) > 1:
-        raise ScanError(
-            "some scans are eye-in-hand and others eye-to-hand; expected one mount"
-        )
-    delays = {scan.delay_ms for scan in scans if scan.log}
-    if len(delays) > 1:
-        words = " and ".join("none" if one is None else f"{one:g}" for one in delays)
-        raise ScanError(f"scans state a delay_ms of {words}; expected one")
-
-
-def check_different(scans: Sequence[Scan]) -> None:
-    """Refuse a measurement that is there twice, by its values and its pose: it would
-    count as a new one.
-
-    Raises ScanError.
-    """
-    first_of: dict[str, str] = {}
-    for number, scan in enumerate(scans, 1):
-        title = f"scan {number} ({scan.title or scan.kind})"
-        for label, known in zip(scan.labels, fingerprints(scan), strict=True):
-            name = f"pose {label} of {title}"
-            first = first_of.setdefault(known, name)
-            if known and first != name:
-                raise ScanError(
-                    f"{name} holds the same measurement as {first}; "
-                    "expected each measurement once"
-                )

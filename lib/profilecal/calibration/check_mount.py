@@ -13,7 +13,7 @@ import numpy as np
 from numpy import ndarray
 from scipy.special import chndtrinc, fdtrc, fdtri
 
-from profilecal.calibration.answer import DEGREES, Answer, check_another
+from profilecal.calibration.answer import DEGREES, Answer, Placed, check_another
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.evidence import Evidence, evidence
 from profilecal.calibration.observe import as_observations, observe
@@ -27,7 +27,7 @@ from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError
 from profilecal.targets.observations import State
 
-ANY = Systematic(1.0, 1.0, 1.0, 1.0)  # all that a calibration may have considered
+ALL_CONSIDERED = Systematic(1.0, 1.0, 1.0, 1.0)  # that a calibration may have
 POWER = 0.9
 
 
@@ -181,15 +181,13 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
             "the answer holds no prediction of other poses; calibrate anew with "
             "profilecal calibrate SCAN --json > T.json"
         )
-    alike = [
-        k
-        for k, one in enumerate(joint.targets)
-        if one[:2] == [scan.kind, [*scan.sizes]]
-    ]
+    targets = [Placed(*one) for one in joint.targets]
+    measures = scan.kind, [*scan.sizes]
+    alike = [k for k, t in enumerate(targets) if (t.kind, [*t.sizes]) == measures]
     if len(alike) != 1:
         raise ScanError(
             f"{title}: its {scan.description} is {len(alike) or 'none'} of the "
-            f"calibration's targets ({', '.join(one[0] for one in joint.targets)}); "
+            f"calibration's targets ({', '.join(one.kind for one in targets)}); "
             "expected one; verify takes any target"
         )
     seen = observe(scan, 1)
@@ -200,9 +198,9 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     observed = as_observations(scan, seen, seen.typical_mm)
     noise = replace(Noise(**joint.robot_errors), profile_mm=noise_mm)
     smooth = joint.smooth and tuple(map(np.array, joint.smooth))
-    problem = Problem([observed], noise, ANY, smooth=smooth)
-    _, _, *frame = joint.targets[alike[0]]
-    T, placement = found.pose[None], tuple(np.array([part]) for part in frame)
+    problem = Problem([observed], noise, ALL_CONSIDERED, smooth=smooth)
+    target, T = targets[alike[0]], found.pose[None]
+    placement = np.array([target.origin]), np.array([target.axes])
     state = State(T[:, :3, :3], T[:, :3, 3], (placement,))
     model = problem.model(state, [*noise.of_robot, *noise.smooth])
     names = column_names(problem, alike, bool(noise.smooth))
@@ -230,9 +228,9 @@ def moves_after(
     normal = model.posterior(np.square([sizes])).products[0] - rest
     values, vectors = np.linalg.eigh(V)
     L = vectors * np.sqrt(np.maximum(values, 0))
-    change = np.zeros((model.n + 1, model.n + n + 1))
-    change[:-1] = np.c_[L, np.eye(model.n)[:, :n], mean]
-    change[-1, -1] = 1
-    return evidence(
-        change.T @ normal @ change, np.eye(model.n), slice(model.n, model.n + n)
-    )
+    A = np.eye(model.n + 1, model.n)  # of the columns [A | r], A
+    shifted = A @ mean
+    shifted[-1] = 1  # r + A x̄
+    columns = np.c_[A @ L, A[:, :n], shifted]
+    steps = slice(model.n, model.n + n)
+    return evidence(columns.T @ normal @ columns, np.eye(model.n), steps)

@@ -37,8 +37,8 @@ class Evidence:
         return Evidence(information, M.T @ self.slope, self.chi2, self.moves @ M)
 
     def each(self) -> tuple[ndarray, ndarray]:
-        """The size of each step, if there is no other, and its standard deviation, (k,)
-        (Rao's score test, 1948).
+        """Each step that makes the residuals smallest, if there is no other, and its
+        standard deviation, (k,) (Rao's score test, 1948).
         """
         information = np.diag(self.information)
         return -self.slope / information, information**-0.5

@@ -49,7 +49,26 @@ def shown_by(solution: Solution) -> tuple[ndarray, Spectrum]:
 
 def contradiction(solution: Solution, mount: Mount) -> str:
     """A sentence on how a solution contradicts what is known of the mount, and on what
-    would explain it; none where it does not.
+    would explain it; empty where it does not.
+    """
+    causes = explanations(solution, mount)
+    if causes is None:
+        return ""
+    shift, turn = pose_error(
+        solution.rotation, solution.translation, mount.rotation, mount.translation
+    ).reshape(2, 3)
+    return (
+        f"the answer lies {np.linalg.norm(shift):.3g} mm and "
+        f"{np.degrees(np.linalg.norm(turn)):.3g}° from the guess, "
+        f"which is said to be good to {mount.sd[0]:.3g} mm and "
+        f"{np.degrees(mount.sd[3]):.3g}°; it looks as if {', or as if '.join(causes)}; "
+        "no residual can tell"
+    )
+
+
+def explanations(solution: Solution, mount: Mount) -> list[str] | None:
+    """What would bring the mount to where the residuals have the sensor, in words; None
+    where chance does.
     """
     R, T = solution.rotation, solution.translation
     offset, shown = shown_by(solution)
@@ -73,12 +92,13 @@ def contradiction(solution: Solution, mount: Mount) -> str:
         turned = mount.rotation @ turn
         if agrees(turned, mount.translation):
             if not words:
-                return ""
+                return None
             causes.append(words)
         elif agrees(turned, mount.translation, ORIGIN_MM):
             causes.append(f"{words} and {from_elsewhere}" if words else from_elsewhere)
     if agrees(*inverse(mount.rotation, mount.translation)):
         causes.append("the guess were of the flange in the sensor's frame")
+    # some frame on the flange explains any difference: this cause is always there
     tool = homogeneous(mount.rotation, mount.translation) @ np.linalg.inv(solution.pose)
     x, y, z = tool[:3, 3]
     w, p, r = Rotation.from_matrix(tool[:3, :3]).as_euler("xyz", degrees=True)
@@ -86,13 +106,7 @@ def contradiction(solution: Solution, mount: Mount) -> str:
         "the poses were of a tool whose frame is at about "
         f"{x:.0f}, {y:.0f}, {z:.0f} mm and {w:.0f}, {p:.0f}, {r:.0f}° on the flange"
     )
-    shift, turn = np.linalg.norm(delta.reshape(2, 3), axis=1)
-    return (
-        f"the answer lies {shift:.3g} mm and {np.degrees(turn):.3g}° from the guess, "
-        f"which is said to be good to {mount.sd[0]:.3g} mm and "
-        f"{np.degrees(mount.sd[3]):.3g}°; it looks as if {', or as if '.join(causes)}; "
-        "no residual can tell"
-    )
+    return causes
 
 
 def rests_on(solution: Solution, mount: Mount) -> list[str]:

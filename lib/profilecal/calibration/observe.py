@@ -12,10 +12,9 @@ from profilecal.scan.scan import MEASURED, Scan
 from profilecal.scan.tables import ScanError, listed
 from profilecal.targets.observations import Observations
 
-# Poses in such a time, by a robot that is not so slow, are no stops.
-A_MOMENT_S, AT_REST = 0.5, 1.0  # s, mm/s
 LEAST_POSES = 3  # from which a target's place is found
-FINEST_MM = 1e-4  # points exactly on a line have no scatter to tell their noise by
+# mm of noise at least: points exactly on a line have no scatter to tell theirs by
+LEAST_NOISE_MM = 1e-4
 
 
 @dataclass(frozen=True)
@@ -50,65 +49,6 @@ class Seen:
         return float(np.median(np.sqrt(variance.mean(axis=1))))
 
 
-def names(scans: Sequence[Scan]) -> list[str]:
-    """What to put before a word on one of several scans: its title."""
-    if len(scans) == 1:
-        return [""]
-    titles = [scan.title or scan.kind for scan in scans]
-    if len({*titles}) < len(titles):
-        titles = [f"{title} ({k})" for k, title in enumerate(titles, 1)]
-    return [f"{title}: " for title in titles]
-
-
-def with_few_joined(scans: Sequence[Scan]) -> tuple[tuple[Scan, ...], list[str]]:
-    """Scans, those of too few poses to place a target by themselves as part of the
-    first of a like target; and a sentence for each of these.
-
-    A second step of a plan may have one pose or two: its target stands where it stood.
-    """
-    pairs = zip(names(scans), scans, strict=True)
-    kept: list[Scan] = []
-    remarks = []
-    named = [(len(scan.values) < LEAST_POSES, name, scan) for name, scan in pairs]
-    for has_few, name, scan in sorted(named, key=lambda one: one[0]):
-        alike = [k for k, one in enumerate(kept) if has_few and go_together(one, scan)]
-        if not alike:
-            kept.append(scan)
-            continue
-        kept[alike[0]] = joined(kept[alike[0]], scan, name)
-        remarks.append(
-            f"{name}{len(scan.values)} poses do not place a target; this {scan.kind} "
-            "is taken to stand where the first one does"
-        )
-    return tuple(kept), remarks
-
-
-def go_together(*scans: Scan) -> bool:
-    """Whether scans may be of one target in one place, all at rest."""
-    targets = {(scan.kind, scan.sizes, scan.measured) for scan in scans}
-    return len(targets) == 1 and not any(scan.log for scan in scans)
-
-
-def joined(first: Scan, second: Scan, name: str) -> Scan:
-    """The poses of two scans as one scan, with the second one's name before its labels;
-    what is not of poses is the first one's.
-    """
-    arrays = {
-        field: np.concatenate([getattr(first, field), getattr(second, field)])
-        for field in ("R_base_flange", "p_base_flange", "side", "times")
-    }
-    return replace(
-        first,
-        labels=(*first.labels, *(name + label for label in second.labels)),
-        values=first.values + second.values,
-        group=np.array([]),
-        group_given=False,
-        orientation=None,
-        sweeps=(),
-        **arrays,
-    )
-
-
 def observe(scan: Scan, least: int = 0) -> Seen:
     """The target as a scan's profiles, points, chords or arcs show it.
 
@@ -133,7 +73,7 @@ def from_profiles(scan: Scan) -> Seen:
     features = scan.target.find(scan.values, *scan.sizes)
     found = [feature for feature in features if feature.found]
     m = scan.target.points
-    points, covariance = on_curve(found) if m is None else marked(found, m)
+    points, covariance = curve_points(found) if m is None else marked_points(found, m)
     seen = Seen(
         poses=np.flatnonzero([feature.found for feature in features]),
         points=points,
@@ -150,7 +90,7 @@ def from_profiles(scan: Scan) -> Seen:
     return replace(seen, shared_mm=seen.typical_mm, remark=remark)
 
 
-def on_curve(features: Sequence[Feature]) -> tuple[ndarray, ndarray]:
+def curve_points(features: Sequence[Feature]) -> tuple[ndarray, ndarray]:
     """Points (k, m, 2) of each feature and their variances (k, m), mm², as
     `Observations` has them: independent and as uncertain in every direction.
     """
@@ -160,11 +100,11 @@ def on_curve(features: Sequence[Feature]) -> tuple[ndarray, ndarray]:
     for own_points, own, feature in zip(points, variance, features, strict=True):
         m = len(feature.points)
         own_points[:m] = feature.points
-        own[:m] = np.trace(feature.covariance, axis1=1, axis2=2) / 2 + FINEST_MM**2
+        own[:m] = np.trace(feature.covariance, axis1=1, axis2=2) / 2 + LEAST_NOISE_MM**2
     return points, variance
 
 
-def marked(features: Sequence[Feature], m: int) -> tuple[ndarray, ndarray]:
+def marked_points(features: Sequence[Feature], m: int) -> tuple[ndarray, ndarray]:
     """The m points (k, m, 2) of each feature and their covariances (k, 2m, 2m), mm², as
     `Observations` has them: chords have tips on one line.
     """
@@ -172,7 +112,10 @@ def marked(features: Sequence[Feature], m: int) -> tuple[ndarray, ndarray]:
     points = np.reshape([feature.points for feature in features], (k, m, 2))
     covariance = np.zeros((k, m, 2, m, 2))
     for pairs, feature in zip(covariance, features, strict=True):
-        pairs[range(m), :, range(m)] = feature.covariance + FINEST_MM**2 * np.eye(2)
+        # of each point with itself
+        pairs[range(m), :, range(m)] = feature.covariance + LEAST_NOISE_MM**2 * np.eye(
+            2
+        )
         if feature.between is not None:
             pairs[0, :, 1], pairs[1, :, 0] = feature.between, feature.between.T
     return points, covariance.reshape(k, 2 * m, 2 * m)
@@ -202,51 +145,6 @@ def from_table(scan: Scan) -> Seen:
     nothing = np.empty((0, len(MEASURED[scan.measured])))
     points = points_of(scan.measured, np.concatenate([nothing, *rows]))
     return Seen(poses, points, missing=((reason, missed),) if missed else ())
-
-
-def doubts_on_rest(scan: Scan) -> list[str]:
-    """That the poses were recorded in motion, as far as their times tell: between most
-    of them, a moment apart, the robot moved.
-    """
-    if scan.log:
-        return []
-    order = np.argsort(scan.times)  # NaN last
-    seconds = np.diff(scan.times[order])
-    way = np.linalg.norm(np.diff(scan.p_base_flange[order], axis=0), axis=1)
-    near = (seconds > 0) & (seconds < A_MOMENT_S)
-    speeds = way[near] / seconds[near]
-    if 2 * len(speeds) < len(order) or np.median(speeds) < AT_REST:
-        return []
-    speed = np.median(speeds)
-    return [
-        f"poses {np.median(seconds[near]):.2g} s apart, between which the robot moved "
-        f"at {speed:.2g} mm/s: were they recorded in motion? Then clocks that differ "
-        f"by 10 ms shift them by {speed / 100:.2g} mm, which these files do not show; "
-        "write the robot's poses to log.csv, and sweep and t of each profile"
-    ]
-
-
-def doubts_on_columns(scan: Scan) -> list[str]:
-    """That x and z of raw profiles are swapped: only z runs on along most of them."""
-    if scan.measured != "profiles":
-        return []
-    runs_on = []
-    for values in scan.values[:100]:
-        steps = np.diff(values[np.isfinite(values).all(axis=1)], axis=0)
-        if len(steps) > 9:
-            runs_on.append((steps >= 0).all(axis=0) | (steps <= 0).all(axis=0))
-    only_z = [z and not x for x, z in runs_on]
-    if 2 * sum(only_z) <= len(only_z):
-        return []
-    return [
-        "z, and not x, grows or falls all along most profiles, as x does along the "
-        "laser line: are their columns swapped?"
-    ]
-
-
-def doubts(scan: Scan) -> list[str]:
-    """What a scan gives cause to ask, which its residuals may not show."""
-    return doubts_on_rest(scan) + doubts_on_columns(scan)
 
 
 def points_of(measured: str, values: ndarray) -> ndarray:
@@ -307,23 +205,3 @@ def observe_all(
         for scan, entry in zip(scans, seen, strict=True)
     ]
     return seen, tuple(observed), features_mm
-
-
-def stated_noise(scans: Sequence[Scan]) -> dict[str, float]:
-    """The noise that scans of one scanner and robot state, without that of a profile's
-    points where features were fitted to them: their noise is left to be estimated.
-
-    Raises ScanError where the scans contradict each other.
-    """
-    stated: dict[str, float] = {}
-    for scan in scans:
-        for name, value in scan.noise.items():
-            first = stated.setdefault(name, value)
-            if first != value:
-                raise ScanError(
-                    f"noise {name} is {first:g} in one scan and {value:g} in another; "
-                    "expected one"
-                )
-    if any(scan.measured in ("arcs", "profiles") for scan in scans):
-        stated.pop("profile_mm", None)
-    return stated

@@ -41,8 +41,9 @@ ALLOWED = (
 )
 
 
-def in_words(error: Perturbation, size: float) -> str:
-    """An error with its size, in its own unit."""
+def in_words(error: Perturbation, correction: float) -> str:
+    """An error with its size, in its own unit, the opposite of its correction."""
+    size = -correction
     words = EITHER_WAY.sub(r"\1" if size > 0 else r"\2", error.words)
     is_signed = words == error.words
     return words.format(error.unit * (size if is_signed else abs(size)))
@@ -53,34 +54,30 @@ class Finding:
     """Something that may be wrong in the same way in every pose."""
 
     error: Perturbation
-    size: float  # in its own unit
-    clear: float  # the size over its standard deviation
-    moves: ndarray  # (6,) the sensor pose, mm and rad
+    correction: float  # that makes the residuals smallest, mm or rad or 1
+    clear: float  # the correction over its standard deviation
+    moves: ndarray  # (6,) how it moves the sensor pose, mm and rad
     among: int  # so many tests
     not_allowed_for: float  # the chance that the answer did not allow for as much
 
 
 def systematic_tests(solution: Solution) -> list[Finding]:
-    """What might be wrong everywhere, each by itself, with the size that fits the
-    residuals best.
-
-    The size is what the data would have to change by; the error is the opposite.
-    """
+    """What might be wrong everywhere, each by itself."""
     targets = [entry.target for entry in solution.problem.observations]
-    tried = [*OF_SCANNER, *of_target(targets), *of_robot()]
+    tried = [*OF_SCANNER, *of_target(targets), *robot_patterns()]
     model, posterior = solution.model(tried)
     n, (normal,) = model.n - len(tried), posterior.normal
     with np.errstate(invalid="ignore", divide="ignore"):
         says = evidence(normal, model.precision[:n, :n], slice(n, None))
-        sizes, sds = says.each()
+        corrections, sds = says.each()
         visible = sds**-2 > ABSORBED * np.diag(normal)[n:-1]
     allowed = poor_errors(solution)
     return [
         Finding(
             error=tried[k],
-            size=-sizes[k],
-            clear=sizes[k] / sds[k],
-            moves=says.moves[:6, k] * sizes[k],
+            correction=corrections[k],
+            clear=corrections[k] / sds[k],
+            moves=says.moves[:6, k] * corrections[k],
             among=len(tried),
             not_allowed_for=1 - allowed.get(tried[k], 0.0),
         )
@@ -88,7 +85,7 @@ def systematic_tests(solution: Solution) -> list[Finding]:
     ]
 
 
-def of_robot() -> list[Perturbation]:
+def robot_patterns() -> list[Perturbation]:
     """Scales of the positions, drifts."""
     positions = "the robot's positions"
     far = "too [far apart|close together] by {:.2g} %"
@@ -107,7 +104,9 @@ def of_robot() -> list[Perturbation]:
 
 
 def off_middle(T: ndarray, along: ndarray | float = 1.0) -> ndarray:
-    """Positions (P, 3) from their middle, or the part along an axis."""
+    """Positions (P, 3) from their middle; of a unit vector along one of the axes, the
+    part along that.
+    """
     return along * (T - T.mean(axis=0))
 
 
@@ -118,7 +117,8 @@ def drifted(T: ndarray, along: ndarray) -> ndarray:
 
 def check(solution: Solution) -> tuple[Solution, bool]:
     """The solution with the status, covariance and messages that its residuals leave,
-    and whether they speak against it: more poses would not mend that.
+    and whether it is misread: whether they speak against it, which more poses would
+    not mend.
     """
     objections = contradictions(solution)
     if is_contradictory(solution):
@@ -128,25 +128,25 @@ def check(solution: Solution) -> tuple[Solution, bool]:
         return replace(solution, messages=messages), bool(objections)
     C, before = solution.covariance, solution.observability
     guilty = clear_findings(systematic_tests(solution))
-    weak = bool(objections)
-    enlarged = C.copy()
-    for one in guilty:
-        beyond = one.not_allowed_for * normalised_square(C, one.moves)
-        weak = weak or bool(beyond > MUCH**2)
-        enlarged += one.not_allowed_for * np.outer(one.moves, one.moves)
-    notes = [] if guilty else allowed_for(solution)
-    if guilty:
-        objections.append(accusation(guilty))
+    enlarged = C + sum(
+        one.not_allowed_for * np.outer(one.moves, one.moves) for one in guilty
+    )
     observability = of_covariance(enlarged, before.rank, before.parameters)
-    if weak or observability.sd[0] > WEAK:
+    far = [one.not_allowed_for * normalised_square(C, one.moves) for one in guilty]
+    if objections or observability.sd[0] > WEAK or max(far, default=0.0) > MUCH**2:
         solution = replace(solution, status="weak")
+    # what poses to add, as the solution says, does not mend a contradiction
+    against = objections + ([accusation(guilty)] if guilty else [])
+    messages = against or [*solution.messages]
+    if not guilty:
+        messages += allowed_for(solution)
     believed = replace(
         solution,
         covariance=enlarged,
         observability=observability,
-        messages=(*(objections or solution.messages), *notes),
+        messages=tuple(messages),
     )
-    return believed, bool(objections)
+    return believed, bool(against)
 
 
 def error_mm(solution: Solution) -> float:
@@ -196,15 +196,13 @@ def allowed_for(solution: Solution) -> list[str]:
     """
     found = solution.error_sizes.mean[solution.problem.systematics]
     sizes, poor = solution.problem.considered, poor_errors(solution)
-    of = dict(zip(sizes, found, strict=True))
+    correction = dict(zip(sizes, found, strict=True))
     likely = [error for error, chance in poor.items() if chance > 0.5]
     if not likely:
         return []
-    error = max(likely, key=lambda error: abs(of[error]) / sizes[error])
-    return [
-        f"the residuals look most as if {in_words(error, -of[error])}: more than is "
-        f"usual; {ALLOWED}"
-    ]
+    error = max(likely, key=lambda error: abs(correction[error]) / sizes[error])
+    looks = in_words(error, correction[error])
+    return [f"the residuals look most as if {looks}: more than is usual; {ALLOWED}"]
 
 
 def clear_findings(findings: list[Finding]) -> list[Finding]:
@@ -220,7 +218,7 @@ def accusation(guilty: list[Finding]) -> str:
     most = max(guilty, key=lambda error: np.linalg.norm(error.moves[:3]))
     shift_mm = np.linalg.norm(most.moves[:3])
     turn_deg = np.degrees(np.linalg.norm(most.moves[3:]))
-    sentences = [in_words(one.error, one.size) for one in guilty[:4]]
+    sentences = [in_words(one.error, one.correction) for one in guilty[:4]]
     causes = ", or as if ".join(sentences)
     remedy = "the covariance is enlarged to match"
     if max(error.not_allowed_for for error in guilty) < 0.5:

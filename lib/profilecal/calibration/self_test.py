@@ -157,7 +157,7 @@ def self_test(found: Calibration, count: int = 100, seed: int = 1) -> SelfTest:
         squares.append(normalised_square(again.covariance, error))
         tests = {one.error.words: one.clear for one in systematic_tests(again)}
         clear.append([tests.get(one.error.words, np.nan) for one in real])
-    words = [in_words(one.error, one.size) for one in real]
+    words = [in_words(one.error, one.correction) for one in real]
     seen = np.array([one.clear for one in real])
     # few scans hardly tell: what a calibration calls clear is clear here too
     by_chance = np.minimum(beyond(seen, np.array(clear)), 2 * ndtr(-np.abs(seen)))

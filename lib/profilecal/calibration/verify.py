@@ -16,8 +16,9 @@ from numpy import ndarray
 from scipy.special import chdtrc
 
 from profilecal.calibration.answer import DEGREES, Answer, check_another, in_mm_rad
-from profilecal.calibration.calibration import Calibration, calibrate
-from profilecal.calibration.observe import stated_noise
+from profilecal.calibration.calibrate import calibrate
+from profilecal.calibration.calibration import Calibration
+from profilecal.calibration.several_scans import stated_noise
 from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import FALSE_ALARM
 from profilecal.geometry.observability import HAND_PRECISION, Spectrum, of_covariance
@@ -155,7 +156,7 @@ def verify(
     title = check_another(found, other)
     if isinstance(other, Answer):
         return compared(found, other)
-    return likelier(found, other, title)
+    return with_scan_alone(found, other, title)
 
 
 def compared(found: Answer, other: Answer) -> Verification:
@@ -169,13 +170,13 @@ def compared(found: Answer, other: Answer) -> Verification:
     return Verification(delta, stated, in_mm_rad(own), other)
 
 
-def likelier(found: Answer, scan: Scan, title: str) -> Verification:
+def with_scan_alone(found: Answer, scan: Scan, title: str) -> Verification:
     """A pose with a scan by itself; where that is not "ok", also near the pose: a weak
     answer may be one of several.
     """
     T, stated = found.pose, in_mm_rad(found.covariance_total_mm_deg)
     R, p = T[:3, :3], T[:3, 3]
-    alone = calibrate(scan, guess=T, guess_sd=(np.inf, np.inf))  # a start
+    alone = calibrate(scan, guess=T, guess_sd=(np.inf, np.inf))  # a start, no more
     shown = len(alone.seen[0])
     if shown < FEWEST:
         raise ScanError(

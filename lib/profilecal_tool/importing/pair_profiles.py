@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy import ndarray
 
-from profilecal.calibration.observe import A_MOMENT_S
+from profilecal.calibration.doubts import A_MOMENT_S
 from profilecal.scan.tables import ScanError, listed, number
 from profilecal_tool.importing.column_meanings import columns_of
 from profilecal_tool.importing.questions import Question

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from profilecal.calibration.calibration import Calibration, calibrate
+from profilecal.calibration.calibrate import calibrate
+from profilecal.calibration.calibration import Calibration
 from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import Frames, inverse
 from profilecal.joint.prior import prior_from

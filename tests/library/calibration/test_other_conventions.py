@@ -171,5 +171,5 @@ def test_outliers_are_blamed_on_no_reading(entries):
 
 
 def test_a_good_scan_never_pays(monkeypatch):
-    monkeypatch.setattr("profilecal.calibration.calibration.better_readings", None)
+    monkeypatch.setattr("profilecal.calibration.calibrate.better_readings", None)
     assert pc.calibrate(scan_of(**EDGE)).status == "ok"

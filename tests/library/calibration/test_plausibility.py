@@ -20,7 +20,8 @@ from simulated import (
 )
 
 import profilecal as pc
-from profilecal.calibration.observe import doubts, observe
+from profilecal.calibration.doubts import doubts
+from profilecal.calibration.observe import observe
 from profilecal.calibration.other_conventions import better_readings
 from profilecal.calibration.plausibility import poor_errors
 from profilecal.scan.toml import read_toml

@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
 from profilecal.calibration.evidence import evidence
-from profilecal.calibration.plausibility import of_robot
+from profilecal.calibration.plausibility import robot_patterns
 from profilecal.geometry.noise import ROBOT, SMOOTH, Noise, Systematic
 from profilecal.geometry.poses import inverse, rotations
 from profilecal.joint import linear_model
@@ -317,7 +317,7 @@ def test_derivatives_by_all_that_may_be_wrong_are_those_of_differences(
     seen = replace(scene.observations, eye_to_hand=eye_to_hand)
     truth = scene.truth
     problem = Problem([seen], Noise(SIGMA))
-    tried = [*OF_SCANNER, *of_target([seen.target]), *of_robot()]
+    tried = [*OF_SCANNER, *of_target([seen.target]), *robot_patterns()]
     ((columns,),) = problem.columns_in_mm(truth, tried)
     for column, error in zip(columns[problem.n :], tried, strict=False):
         assert_derivative(column, partial(erring, seen, error), truth)
@@ -344,7 +344,7 @@ def test_lengths_do_not_look_too_small_because_of_noise():
         seen = scene.noisy(SIGMA, rng)
         problem = Problem([seen], Noise(SIGMA), Systematic(scale_percent=0.1))
         state = refine(problem, scene.truth).state
-        scale_of_positions = of_robot()[0]
+        scale_of_positions = robot_patterns()[0]
         model = problem.model(state, (), [scale_of_positions])
         (normal,) = model.posterior(np.ones((1, 1))).normal
         n, known = model.n - 1, model.precision[:-1, :-1]

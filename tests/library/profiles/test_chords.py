@@ -6,7 +6,7 @@ from finding import features_of
 from numpy.random import default_rng
 from raw_profiles import above_table, disks, turned
 
-from profilecal.calibration.observe import marked
+from profilecal.calibration.observe import marked_points
 from profilecal.simulation.robot import Scanner
 
 
@@ -19,7 +19,7 @@ def test_both_tips_of_a_chord_together_are_as_exact_as_stated():
     features = features_of("disk", profiles)
     shown = [pair for pair in zip(features, truth, strict=True) if pair[0].found]
     error = np.array([(feature.points - tips).ravel() for feature, tips in shown])
-    _, covariance = marked([feature for feature, _ in shown], 2)
+    _, covariance = marked_points([feature for feature, _ in shown], 2)
     over_covariance = np.linalg.solve(covariance, error[..., None])[..., 0]
     squares = np.sum(error * over_covariance, axis=1)
     assert abs(squares.mean() - 4) < 4 * np.sqrt(8 / len(squares))

@@ -26,7 +26,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from peoples_files import POSES, PROFILES, poses, scan, text, write_lines, write_table
 from simulated import scan_of
 
-from profilecal.calibration.calibration import calibrate
+from profilecal.calibration.calibrate import calibrate
 from profilecal.scan.conventions import from_rotations, named
 from profilecal.scan.folder import read_scan
 from profilecal.scan.tables import ScanError

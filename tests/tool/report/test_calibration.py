@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import pytest
 from simulated import calibration_of
 
-from profilecal.calibration.calibration import calibrate
+from profilecal.calibration.calibrate import calibrate
 from profilecal.geometry.noise import Noise
 from profilecal.simulation.spec import Spec, simulate_scan
 from profilecal_pages.figures import use_style

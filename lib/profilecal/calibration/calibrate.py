@@ -1,0 +1,235 @@
+"""From a user's scans to an answer: observations, the joint solution, what speaks
+against it, and what else the files may mean.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import RigidTransform
+
+from profilecal.calibration import plausibility
+from profilecal.calibration.calibration import Calibration
+from profilecal.calibration.doubts import doubts
+from profilecal.calibration.memory import check_memory
+from profilecal.calibration.mount import contradiction, rests_on
+from profilecal.calibration.observe import Seen, observe_all
+from profilecal.calibration.other_conventions import better_readings
+from profilecal.calibration.several_scans import (
+    by_scan,
+    check_different,
+    check_scans,
+    prefixes,
+    stated_noise,
+    with_few_joined,
+)
+from profilecal.geometry.checks import UnobservableError, check_array, check_rigid
+from profilecal.geometry.poses import Frames, carry
+from profilecal.joint.prior import Mount, Prior, prior_from
+from profilecal.joint.solution import Solution
+from profilecal.joint.solve import solve
+from profilecal.scan.scan import GUESS_SD, Scan
+from profilecal.scan.tables import listed
+from profilecal.targets.observations import Observations
+
+
+def calibrate(
+    scans: Scan | Iterable[Scan],
+    guess: ArrayLike | RigidTransform | None = None,
+    guess_sd: tuple[float, float] = GUESS_SD,
+) -> Calibration:
+    """The sensor pose from one scan or several of one sensor.
+
+    It is the most likely one, with the places of all targets, by all measurements
+    together (notebook 40), and says how far it can be believed.
+
+    Parameters
+    ----------
+    scans : Scan or iterable of Scan
+        What one scanner on one mount saw of one target or several.
+    guess : array (4, 4) or RigidTransform, optional
+        Where the sensor is believed to be, mm; left out, what a scan has of it. The
+        answer is compared with it, and rests on it where the scans leave it open, as
+        `messages` then say.
+    guess_sd : (float, float)
+        How good the guess is: standard deviations of each component, mm and degrees;
+        infinite where it is a start for the search and no more.
+
+    Returns
+    -------
+    Calibration
+        With the status "ok", "weak" (solved, but not to be relied on) or
+        "unobservable" (no pose: the motions leave it open, or the data contradict each
+        other). `messages` say why, and what to do.
+
+    Raises
+    ------
+    ScanError
+        For scans that do not belong together or hold too little.
+    TypeError
+        For what is no Scan: `Scan.of` and `read_scan` make one.
+
+    See Also
+    --------
+    verify : whether another scan agrees with the answer.
+    self_test : whether the stated uncertainty can be believed here.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import profilecal as pc
+    >>> scan, truth = pc.simulate("disk", seed=1, groups=6, positions=10)
+    >>> found = pc.calibrate(scan)
+    >>> found.status
+    'ok'
+    >>> off = found.pose - truth.pose
+    >>> bool(np.abs(off[:3, 3]).max() < 0.5)  # mm
+    True
+    """
+    if not isinstance(scans, Iterable):
+        scans = [scans]  # one scan, or what is none
+    scans = tuple(scans)
+    check_scans(scans)
+    stated, mount = stated_noise(scans), mount_of(scans, guess, guess_sd)
+    check_different(scans)
+    scans, remarks = with_few_joined(scans)
+    seen, observed, features_mm = observe_all(scans)
+    check_memory(observed)
+    shared_mm = max(entry.shared_mm for entry in seen)
+    prior = replace(prior_from(stated, features_mm, shared_mm), mount=mount)
+    remarks += by_scan(scans, [entry.remarks for entry in seen])
+    questions = by_scan(scans, [doubts(scan) for scan in scans])
+    try:
+        solution, misread = believed(scans, seen, observed, prior)
+        observed, messages = tuple(solution.problem.observations), solution.messages
+    except UnobservableError as error:
+        solution, misread, messages = None, False, (str(error),)
+    if solution and questions and solution.status == "ok":
+        solution = replace(solution, status="weak")
+    readings = other_readings(scans, seen, solution)
+    if readings:  # what the files look like as they were read is beside the point
+        messages, misread = (), True
+        solution = solution and replace(solution, status="unobservable")
+    return Calibration(
+        scans=scans,
+        seen=tuple(entry.poses for entry in seen),
+        observed=observed,
+        solution_or_none=solution,
+        messages=(*readings, *remarks, *questions, *messages),
+        misread=misread,
+    )
+
+
+def other_readings(
+    scans: Sequence[Scan], seen: Sequence[Seen], solution: Solution | None
+) -> list[str]:
+    """Sentences on what the files may mean instead, where there is no "ok" solution."""
+    if solution and solution.status == "ok":
+        return []
+    delay_ms = 1e3 * (solution.delay_s or 0.0) if solution else 0.0
+    at_rest = [scan.at_rest(delay_ms) for scan in scans]
+    return by_scan(scans, [*map(better_readings, at_rest, seen)])
+
+
+def believed(
+    scans: Sequence[Scan],
+    seen: Sequence[Seen],
+    observed: Sequence[Observations],
+    prior: Prior,
+) -> tuple[Solution, bool]:
+    """The joint solution with the status and the messages that its residuals, the
+    stated sides and what is known of the mount leave it, and whether it is misread:
+    whether these contradict each other.
+
+    It is the solution by the scans alone; where that is not "ok", the one by scans and
+    mount, if they agree. Raises UnobservableError where measurements are fewer than
+    unknowns.
+    """
+    mount, objection = prior.mount, ""
+    starts = [(mount.rotation, mount.translation)] if mount else []
+    alone = solve(observed, replace(prior, mount=None), starts=starts)
+    solution, misread = plausibility.check(alone)
+    if mount and np.isfinite(mount.sd).any():  # else a start, no more
+        both = None
+        if solution.status != "ok":
+            both = with_mount(observed, prior, mount, starts)
+        if both:
+            solution, misread = both, False
+        elif solution.status != "unobservable":
+            objection = contradiction(solution, mount)
+    remarks, on_other_side = remarks_on_sides(scans, seen, solution)
+    against = on_other_side or bool(objection)
+    if solution.status == "ok" and against:
+        solution = replace(solution, status="weak")
+    messages = (*[objection] * bool(objection), *solution.messages, *remarks)
+    return replace(solution, messages=messages), misread or against
+
+
+def with_mount(
+    observed: Sequence[Observations], prior: Prior, mount: Mount, starts: list[Frames]
+) -> Solution | None:
+    """The solution by scans and mount, with sentences on what rests on the mount; None
+    where these contradict each other.
+    """
+    solution, misread = plausibility.check(solve(observed, prior, starts=starts))
+    if misread or contradiction(solution, mount):
+        return None
+    messages = (*rests_on(solution, mount), *solution.messages)
+    return replace(solution, messages=messages)
+
+
+def mount_of(
+    scans: Sequence[Scan],
+    guess: ArrayLike | RigidTransform | None,
+    guess_sd: Sequence[float],
+) -> Mount | None:
+    """What is known of the mount: a guess, or the first that a scan has."""
+    for scan in scans:
+        if guess is None and scan.guess is not None:
+            guess, guess_sd = scan.guess, scan.guess_sd
+    if guess is None:
+        return None
+    if isinstance(guess, Scan):
+        raise TypeError("guess is a Scan; expected several scans as one list")
+    if isinstance(guess, RigidTransform):
+        guess = guess.as_matrix()
+    T = check_array("guess", guess, (4, 4))
+    check_rigid("guess", T[None])
+    check_array("guess_sd", guess_sd, (2,), finite=False)
+    if not min(guess_sd) > 0:
+        raise ValueError(f"guess_sd is {guess_sd}; expected mm and degrees above 0")
+    sd = np.repeat([guess_sd[0], np.radians(guess_sd[1])], 3)
+    return Mount(T[:3, :3], T[:3, 3], sd)
+
+
+def remarks_on_sides(
+    scans: Sequence[Scan], seen: Sequence[Seen], solution: Solution
+) -> tuple[list[str], bool]:
+    """Targets that the solution puts on the other side of the scan plane than the scan
+    states, in words, and whether that speaks against it: one pose may be in error, but
+    not most of them.
+    """
+    remarks, misread = [], False
+    parts = zip(
+        prefixes(scans),
+        scans,
+        seen,
+        solution.problem.observations,
+        solution.placements,
+        strict=True,
+    )
+    for name, scan, entry, observed, target in parts:
+        R, p = observed.R_flange[0], observed.T_flange[0]
+        origins = carry(R, p, solution.translation)
+        stated = scan.side[entry.poses]
+        other = stated * target.sides(R @ solution.rotation, origins) < 0
+        if other.any():
+            labels = listed([scan.labels[i] for i in entry.poses[other]])
+            remarks.append(
+                f"{name}the {scan.kind}'s centre lies on the other side of the scan "
+                f"plane than stated for pose {labels}; check side, x and z of the "
+                "profiles, or turn the sensor's y axis round"
+            )
+            misread |= bool(2 * other.sum() > np.count_nonzero(stated))
+    return remarks, misread

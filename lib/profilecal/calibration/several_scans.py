@@ -1,0 +1,134 @@
+"""Several scans of one sensor: whether they belong together, what they state, and what
+a sentence on one of them begins with.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from profilecal.calibration.answer import fingerprints
+from profilecal.calibration.observe import LEAST_POSES
+from profilecal.geometry.checks import check_type
+from profilecal.scan.scan import Scan
+from profilecal.scan.tables import ScanError
+
+
+def prefixes(scans: Sequence[Scan]) -> list[str]:
+    """What to put before a word on one of several scans: its title."""
+    if len(scans) == 1:
+        return [""]
+    titles = [scan.title or scan.kind for scan in scans]
+    if len({*titles}) < len(titles):
+        titles = [f"{title} ({k})" for k, title in enumerate(titles, 1)]
+    return [f"{title}: " for title in titles]
+
+
+def by_scan(scans: Sequence[Scan], sentences: Sequence[Iterable[str]]) -> list[str]:
+    """The sentences on each scan, with its name before them where there are several."""
+    pairs = zip(prefixes(scans), sentences, strict=True)
+    return [name + sentence for name, of_scan in pairs for sentence in of_scan]
+
+
+def check_scans(scans: Sequence[Scan]) -> None:
+    """Refuse what is no scan, with TypeError, and scans of several mounts or delays."""
+    if not scans:
+        raise ScanError("no scans given; expected at least one")
+    for scan in scans:
+        check_type("scans", scan, Scan)
+    if len({scan.mount for scan in scans}) > 1:
+        raise ScanError(
+            "some scans are eye-in-hand and others eye-to-hand; expected one mount"
+        )
+    delays = {scan.delay_ms for scan in scans if scan.log}
+    if len(delays) > 1:
+        words = " and ".join("none" if one is None else f"{one:g}" for one in delays)
+        raise ScanError(f"scans state a delay_ms of {words}; expected one")
+
+
+def check_different(scans: Sequence[Scan]) -> None:
+    """Refuse a measurement that is there twice, by its values and its pose: it would
+    count as a new one.
+
+    Raises ScanError.
+    """
+    first_of: dict[str, str] = {}
+    for number, scan in enumerate(scans, 1):
+        title = f"scan {number} ({scan.title or scan.kind})"
+        for label, known in zip(scan.labels, fingerprints(scan), strict=True):
+            name = f"pose {label} of {title}"
+            first = first_of.setdefault(known, name)
+            if known and first != name:
+                raise ScanError(
+                    f"{name} holds the same measurement as {first}; "
+                    "expected each measurement once"
+                )
+
+
+def stated_noise(scans: Sequence[Scan]) -> dict[str, float]:
+    """The noise that scans of one scanner and robot state, without that of a profile's
+    points where features were fitted to them: their noise is left to be estimated.
+
+    Raises ScanError where the scans contradict each other.
+    """
+    stated: dict[str, float] = {}
+    for scan in scans:
+        for name, value in scan.noise.items():
+            first = stated.setdefault(name, value)
+            if first != value:
+                raise ScanError(
+                    f"noise {name} is {first:g} in one scan and {value:g} in another; "
+                    "expected one"
+                )
+    if any(scan.measured in ("arcs", "profiles") for scan in scans):
+        stated.pop("profile_mm", None)
+    return stated
+
+
+def with_few_joined(scans: Sequence[Scan]) -> tuple[tuple[Scan, ...], list[str]]:
+    """Scans, those of too few poses to place a target by themselves as part of the
+    first of a like target; and a sentence for each of these.
+
+    A second step of a plan may have one pose or two: its target stands where it stood.
+    """
+    pairs = zip(prefixes(scans), scans, strict=True)
+    kept: list[Scan] = []
+    remarks = []
+    named = [(len(scan.values) < LEAST_POSES, name, scan) for name, scan in pairs]
+    for has_few, name, scan in sorted(named, key=lambda one: one[0]):
+        alike = [k for k, one in enumerate(kept) if has_few and same_target(one, scan)]
+        if not alike:
+            kept.append(scan)
+            continue
+        kept[alike[0]] = joined(kept[alike[0]], scan, name)
+        remarks.append(
+            f"{name}{len(scan.values)} poses do not place a target; this {scan.kind} "
+            "is taken to stand where the first one does"
+        )
+    return tuple(kept), remarks
+
+
+def same_target(first: Scan, second: Scan) -> bool:
+    """Whether two scans may be of one target in one place, both at rest."""
+    of_each = [(scan.kind, scan.sizes, scan.measured) for scan in (first, second)]
+    return of_each[0] == of_each[1] and not (first.log or second.log)
+
+
+def joined(first: Scan, second: Scan, name: str) -> Scan:
+    """The poses of two scans as one scan, with the second one's name before its labels;
+    what is not of poses is the first one's.
+    """
+    arrays = {
+        field: np.concatenate([getattr(first, field), getattr(second, field)])
+        for field in ("R_base_flange", "p_base_flange", "side", "times")
+    }
+    return replace(
+        first,
+        labels=(*first.labels, *(name + label for label in second.labels)),
+        values=first.values + second.values,
+        group=np.array([]),
+        group_given=False,
+        orientation=None,
+        sweeps=(),
+        **arrays,
+    )
