@@ -1,12 +1,11 @@
 """A sensor pose with its uncertainty, as one calibration hands it to the next step."""
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -25,15 +24,6 @@ EXPECTED = (
 )
 
 
-class Placed(NamedTuple):
-    """A target of a calibration, where it stands."""
-
-    kind: str
-    sizes: Sequence[float]  # its lengths, mm
-    origin: Sequence  # (3,) mm
-    axes: Sequence  # (3, 3)
-
-
 @dataclass(frozen=True, eq=False)
 class Joint:
     """All that a calibration found, by which other poses are predicted."""
@@ -41,7 +31,8 @@ class Joint:
     columns: list[str]  # (n,) names of the unknowns and of the errors considered
     mean: list[float]  # (n,) of what is left of them at the answer, mm and rad
     covariance: list[list[float]]  # (n, n)
-    targets: list[list]  # `Placed` of each
+    # of each target: kind, lengths, origin (3,) and axes (3, 3)
+    targets: list[list]
     robot_errors: dict[str, float]  # entries of `Noise`
     freedom: float  # degrees of freedom with which these are known
     noise_factor: float  # the scanner's noise over what profiles show themselves

@@ -16,7 +16,7 @@ import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike
 
-from profilecal.calibration.answer import Answer, Joint, Placed, in_mm_deg, sample
+from profilecal.calibration.answer import Answer, Joint, in_mm_deg, sample
 from profilecal.calibration.points import point_sd
 from profilecal.calibration.several_scans import prefixes
 from profilecal.geometry.checks import UnobservableError
@@ -361,7 +361,7 @@ def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
         "mean": np.r_[np.zeros(problem.n), sizes.mean[problem.n :]],
         "covariance": sizes.covariance,
         "targets": [
-            Placed(scan.kind, scan.sizes, origin[0], axes[0])
+            [scan.kind, scan.sizes, origin[0], axes[0]]
             for scan, (origin, axes) in frames
         ],
         "robot_errors": robot_errors | {"steering_mm": solution.noise.steering_mm},

@@ -13,7 +13,7 @@ import numpy as np
 from numpy import ndarray
 from scipy.special import chndtrinc, fdtrc, fdtri
 
-from profilecal.calibration.answer import DEGREES, Answer, Placed, check_another
+from profilecal.calibration.answer import DEGREES, Answer, check_another
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.evidence import Evidence, evidence
 from profilecal.calibration.observe import as_observations, observe
@@ -181,13 +181,12 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
             "the answer holds no prediction of other poses; calibrate anew with "
             "profilecal calibrate SCAN --json > T.json"
         )
-    targets = [Placed(*one) for one in joint.targets]
-    measures = scan.kind, [*scan.sizes]
-    alike = [k for k, t in enumerate(targets) if (t.kind, [*t.sizes]) == measures]
+    kinds = [(kind, [*sizes]) for kind, sizes, *_ in joint.targets]
+    alike = [k for k, one in enumerate(kinds) if one == (scan.kind, [*scan.sizes])]
     if len(alike) != 1:
         raise ScanError(
             f"{title}: its {scan.description} is {len(alike) or 'none'} of the "
-            f"calibration's targets ({', '.join(one.kind for one in targets)}); "
+            f"calibration's targets ({', '.join(kind for kind, _ in kinds)}); "
             "expected one; verify takes any target"
         )
     seen = observe(scan, 1)
@@ -199,8 +198,8 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     noise = replace(Noise(**joint.robot_errors), profile_mm=noise_mm)
     smooth = joint.smooth and tuple(map(np.array, joint.smooth))
     problem = Problem([observed], noise, ALL_CONSIDERED, smooth=smooth)
-    target, T = targets[alike[0]], found.pose[None]
-    placement = np.array([target.origin]), np.array([target.axes])
+    _, _, origin, axes = joint.targets[alike[0]]
+    T, placement = found.pose[None], (np.array([origin]), np.array([axes]))
     state = State(T[:, :3, :3], T[:, :3, 3], (placement,))
     model = problem.model(state, [*noise.of_robot, *noise.smooth])
     names = column_names(problem, alike, bool(noise.smooth))

@@ -3,6 +3,7 @@ ended by the system without a word.
 """
 
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -28,32 +29,12 @@ def check_memory(observed: Sequence[Observations]) -> None:
 
 
 def memory_limit(root: Path = Path("/")) -> float:
-    """The bytes that this process may use: the machine's, or fewer if a container or
-    its shell allow fewer. Infinite where the system does not tell. `root`: of the file
-    system.
+    """The bytes that this process may use: the machine's, or fewer if its container
+    allows fewer. Infinite where the system does not tell. `root`: of the file system.
     """
-    try:
-        import resource
-    except ImportError:  # on Windows and in browsers
+    if sys.platform in ("win32", "emscripten"):
         return float("inf")
     of_machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    of_process, _ = resource.getrlimit(resource.RLIMIT_AS)
-    limits = [of_machine, *limits_of_groups(root)]
-    if of_process != resource.RLIM_INFINITY:
-        limits.append(of_process)
-    return min(limits)
-
-
-def limits_of_groups(root: Path) -> list[int]:
-    """What Linux allows the control group that this process is in, as containers have
-    one, and the groups that hold it.
-    """
-    groups = root / "proc/self/cgroup"
-    limits = []
-    for line in groups.read_text().splitlines() if groups.exists() else ():
-        if line.startswith("0::/"):  # of version 2
-            group = root / "sys/fs/cgroup" / line[4:]
-            files = [folder / "memory.max" for folder in (group, *group.parents)]
-            texts = [file.read_text().strip() for file in files if file.exists()]
-            limits += [int(text) for text in texts if text.isdigit()]
-    return limits
+    group = root / "sys/fs/cgroup/memory.max"  # of version 2
+    text = group.read_text().strip() if group.exists() else ""
+    return min(of_machine, int(text)) if text.isdigit() else of_machine

@@ -138,13 +138,12 @@ def check(solution: Solution) -> tuple[Solution, bool]:
     # what poses to add, as the solution says, does not mend a contradiction
     against = objections + ([accusation(guilty)] if guilty else [])
     messages = against or [*solution.messages]
-    if not guilty:
-        messages += allowed_for(solution)
+    allowed = [] if guilty else allowed_for(solution)
     believed = replace(
         solution,
         covariance=enlarged,
         observability=observability,
-        messages=tuple(messages),
+        messages=(*messages, *allowed),
     )
     return believed, bool(against)
 

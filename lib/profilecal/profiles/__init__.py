@@ -6,7 +6,7 @@ points (NaN, depth zero or left out), backgrounds, the depth axis pointing eithe
 A target's `find` hands its finder the points that were seen, x rising. In come a scan's
 profiles; out go a `Feature` for each, with its covariance or, where the target is not
 clear, a reason in words: a missing observation costs little, a wrong one much. Finders
-of edges, chords and lines (`edges`) rest on straight runs (`runs`) and where they end
-(`ends`); those of balls and rods (`arcs`) on circles and ellipses. A target's class
-names its finder.
+of edges, chords and faces rest on straight runs (`runs`) and where they end (`ends`),
+and choose among `candidates`; those of balls and rods (`arcs`) rest on circles and
+ellipses. A target's class names its finder.
 """

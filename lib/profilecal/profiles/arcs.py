@@ -2,10 +2,8 @@
 ellipse of a rod.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -13,16 +11,16 @@ from scipy.optimize import least_squares
 from scipy.spatial.distance import cdist
 
 from profilecal.geometry.fitting import fit_circle
-from profilecal.geometry.progress import watched
 from profilecal.profiles.points import (
     LARGEST_TOLERANCE,
     Feature,
     Profiles,
     block_means,
-    correlation,
+    in_each,
     nothing,
     stretches,
     surface,
+    variance_inflation,
 )
 
 LEAST_ARC_POINTS = 20  # of a curve that must be seen
@@ -71,44 +69,107 @@ class Section:
         return -np.hstack([normals, normals * along[:, None]])
 
 
-# the curve nearest to points (k, 2), from one near them; None where there is none
-Fit = Callable[[ndarray, Section], Section | None]
-# what speaks against a curve through points (k, 2) of a profile, of which some are on
-# it, as indices, to within a limit in mm; "" if nothing does
-WhyNot = Callable[[Section, ndarray, ndarray, float], str]
+@dataclass(frozen=True)
+class BallSections:
+    """Circles, as large as the ball or smaller."""
+
+    radius: float  # mm, of the ball
+    largest = 1.2  # of circles with which a search begins, in radii
+    missing = "no arc of a circle as large as the ball or smaller"
+
+    def nearest(self, points: ndarray, near: Section) -> Section | None:
+        """The circle nearest to points (k, 2), whatever was near; None if they are too
+        few places to tell.
+        """
+        circle = fit_circle(points)
+        return section_of(circle) if np.isfinite(circle).all() else None
+
+    def why_not(self, found: Section, points: ndarray, on: ndarray, mm: float) -> str:
+        """What speaks against a circle through points (k, 2) of a profile, of which
+        some are `on` it, as indices, to within some mm, being one of the ball: that it
+        is larger. Empty if nothing does.
+        """
+        off, normals = found.off_and_normals(points[on])
+        J = np.column_stack([normals, np.ones(len(off))])  # by centre and radius
+        variance = (off**2).sum() / max(len(off) - 3, 1) * variance_inflation(off)
+        radius_sd = np.sqrt(variance * np.linalg.inv(J.T @ J)[2, 2])
+        if found.radius > 1.01 * self.radius + 4 * radius_sd:
+            largest = f"expected at most the ball's {self.radius:.4g} mm"
+            return f"a circle of {found.radius:.4g} mm; {largest}"
+        return ""
+
+
+@dataclass(frozen=True)
+class RodSections:
+    """Ellipses, by planes that are not too far off square to the rod."""
+
+    radius: float  # mm, of the rod
+    largest = 2.5
+
+    @property
+    def missing(self) -> str:
+        """That there is none, in words."""
+        square = f"within {LARGEST_TILT_DEG:.0f}° of square to the profile"
+        return f"no arc of a rod of {self.radius:.4g} mm whose axis is {square}"
+
+    def nearest(self, points: ndarray, near: Section) -> Section | None:
+        """The section nearest to points (k, 2), k ≥ 4, by least squares, starting at
+        one near them or leaning from a circle; None if it leans too far.
+        """
+
+        def section_at(state: ndarray) -> Section:
+            return Section(state[:2], state[2:], self.radius)
+
+        def off(state: ndarray) -> ndarray:
+            return section_at(state).off_and_normals(points)[0]
+
+        def derivatives(state: ndarray) -> ndarray:
+            return section_at(state).derivatives(points)
+
+        start = near if near.lean.any() else leaning(near, points, self.radius)
+        fitted = least_squares(
+            off,
+            np.concatenate([start.centre, start.lean]),
+            derivatives,
+            method="lm",
+            x_scale="jac",
+            ftol=1e-4,  # of the sum of squares: far below what noise changes
+        )
+        nearest = section_at(fitted.x)
+        steepest = np.tan(np.radians(LARGEST_TILT_DEG))
+        return nearest if np.hypot(*nearest.lean) < steepest else None  # false for NaN
+
+    def why_not(self, found: Section, points: ndarray, on: ndarray, mm: float) -> str:
+        """What speaks against a section being one of the rod: that the surface leaves
+        it gradually, as larger or smaller ones do, and not by a step.
+        """
+        before, after = points[: on[0]][::-1], points[on[-1] + 1 :]
+        for beyond in (before, after):
+            # the first ones may show both
+            off = np.abs(found.off_and_normals(beyond[3:9])[0])
+            if len(off) >= 3 and np.median(off) < 3 * mm:
+                rod = f"a rod of {found.radius:.4g} mm"
+                return f"an arc that goes on where {rod} bends away"
+        return ""
+
+
+Kind = BallSections | RodSections
 
 
 def find_balls(profiles: Profiles, radius: float) -> list[Feature]:
-    """The arc of the ball in each profile (n, 2), mm, as up to 40 means over points."""
-    why_not = partial(why_no_ball, radius)
-    missing = "no arc of a circle as large as the ball or smaller"
-    return find_arcs(profiles, 1.2 * radius, nearest_circle, why_not, missing)
+    """The arc of the ball in each profile (n, 2), mm, as means over points."""
+    return in_each(profiles, partial(find_arc, kind=BallSections(radius)))
 
 
 def find_rods(profiles: Profiles, radius: float) -> list[Feature]:
-    """The arc of the rod in each profile (n, 2), mm, as up to 40 means over points."""
-    fit = partial(nearest_section, radius)
-    square = f"within {LARGEST_TILT_DEG:.0f}° of square to the profile"
-    missing = f"no arc of a rod of {radius:.4g} mm whose axis is {square}"
-    return find_arcs(profiles, 2.5 * radius, fit, why_no_rod, missing)
+    """The arc of the rod in each profile (n, 2), mm, as means over points."""
+    return in_each(profiles, partial(find_arc, kind=RodSections(radius)))
 
 
-def find_arcs(profiles: Profiles, *kind: Any) -> list[Feature]:
-    """`find_arc` of a kind in each profile."""
-    return [
-        find_arc(profile, *kind)
-        for profile in watched(profiles, "looking for the target")
-    ]
+def find_arc(profile: ndarray, kind: Kind) -> Feature:
+    """The arc that a profile (n, 2) shows of a kind, as means over its points.
 
-
-def find_arc(
-    profile: ndarray, largest: float, fit: Fit, why_not: WhyNot, missing: str
-) -> Feature:
-    """The arc that a profile (n, 2) shows of a curve, as up to 40 means over its
-    points.
-
-    The curve begins as a circle, its radius at most `largest`, mm, and is refined by
-    `fit`; `missing` says that there is none. `why_not` says what speaks against it.
+    The search begins with a circle, which the kind's own curve refines.
     """
     if len(profile) < LEAST_ARC_POINTS:
         return nothing(f"{len(profile)} points; an arc needs {LEAST_ARC_POINTS}")
@@ -116,12 +177,13 @@ def find_arc(
     if limit == LARGEST_TOLERANCE:
         return nothing("neighbouring points differ too much to be of one surface")
     points = profile[rows]
-    circle = best_circle(points, limit, largest)
-    found = circle and refined(circle, points, limit, fit)
+    circle = best_circle(points, limit, kind.largest * kind.radius)
+    found = circle and refined(circle, points, limit, kind)
     if not found:
-        return nothing(missing)
+        return nothing(kind.missing)
     curve, on = found
-    reason = why_no_arc(curve, points, on, limit) or why_not(curve, points, on, limit)
+    reason = why_no_arc(curve, points, on, limit)
+    reason = reason or kind.why_not(curve, points, on, limit)
     if reason:
         return nothing(reason)
     arc = points[on]
@@ -133,7 +195,7 @@ def find_arc(
 
 
 def refined(
-    curve: Section, points: ndarray, limit: float, fit: Fit
+    curve: Section, points: ndarray, limit: float, kind: Kind
 ) -> tuple[Section, ndarray] | None:
     """A curve fitted to the longest arc of points (k, 2) on it, until that stays the
     same, and the arc, as indices; None where it becomes too short or nothing fits.
@@ -146,7 +208,9 @@ def refined(
         on = max(stretches(np.flatnonzero(near), 20), key=len)
         if np.array_equal(on, before):
             break
-        fitted = fit(points[on], curve) if len(on) >= LEAST_ARC_POINTS else None
+        fitted = (
+            kind.nearest(points[on], curve) if len(on) >= LEAST_ARC_POINTS else None
+        )
         if fitted is None:
             return None
         curve = fitted
@@ -167,37 +231,6 @@ def why_no_arc(curve: Section, points: ndarray, on: ndarray, limit: float) -> st
         return "an arc that is seen in pieces"
     if np.sqrt(np.mean(off**2)) > ON_CURVE * limit:
         return f"points that follow no {'ellipse' if curve.lean.any() else 'circle'}"
-    return ""
-
-
-def why_no_ball(
-    radius: float, circle: Section, points: ndarray, on: ndarray, _: float
-) -> str:
-    """What speaks against a circle being one of a ball with a radius, mm: that it is
-    larger.
-    """
-    off, normals = circle.off_and_normals(points[on])
-    J = np.column_stack([normals, np.ones(len(off))])  # by centre and radius
-    variance = (off**2).sum() / max(len(off) - 3, 1) * correlation(off)
-    radius_sd = np.sqrt(variance * np.linalg.inv(J.T @ J)[2, 2])
-    if circle.radius > 1.01 * radius + 4 * radius_sd:
-        largest = f"expected at most the ball's {radius:.4g} mm"
-        return f"a circle of {circle.radius:.4g} mm; {largest}"
-    return ""
-
-
-def why_no_rod(section: Section, points: ndarray, on: ndarray, limit: float) -> str:
-    """What speaks against a section being the rod's: that the surface leaves it
-    gradually, as larger or smaller ones do, and not by a step.
-    """
-    before = points[: on[0]][::-1]
-    after = points[on[-1] + 1 :]
-    for beyond in (before, after):
-        # the first ones may show both
-        off = np.abs(section.off_and_normals(beyond[3:9])[0])
-        if len(off) >= 3 and np.median(off) < 3 * limit:
-            rod = f"a rod of {section.radius:.4g} mm"
-            return f"an arc that goes on where {rod} bends away"
     return ""
 
 
@@ -232,14 +265,6 @@ def section_of(circle: ndarray) -> Section:
     return Section(circle[:2], np.zeros(2), circle[2])
 
 
-def nearest_circle(points: ndarray, _: Section) -> Section | None:
-    """The circle nearest to points (k, 2), whatever it was before; None if they are too
-    few places to tell.
-    """
-    circle = fit_circle(points)
-    return section_of(circle) if np.isfinite(circle).all() else None
-
-
 def leaning(circle: Section, points: ndarray, radius: float) -> Section:
     """The section of a rod that leans by 30° towards the middle of points (k, 2) on a
     circle, and touches it there.
@@ -249,31 +274,3 @@ def leaning(circle: Section, points: ndarray, radius: float) -> Section:
     tilt = np.radians(30)
     centre = middle - radius / np.cos(tilt) * outwards
     return Section(centre, np.tan(tilt) * outwards, radius)
-
-
-def nearest_section(radius: float, points: ndarray, near: Section) -> Section | None:
-    """The section of a rod nearest to points (k, 2), k ≥ 4, by least squares, starting
-    at a section near them or leaning from a circle; None if it leans too far.
-    """
-
-    def section_at(state: ndarray) -> Section:
-        return Section(state[:2], state[2:], radius)
-
-    def off(state: ndarray) -> ndarray:
-        return section_at(state).off_and_normals(points)[0]
-
-    def derivatives(state: ndarray) -> ndarray:
-        return section_at(state).derivatives(points)
-
-    start = near if near.lean.any() else leaning(near, points, radius)
-    fitted = least_squares(
-        off,
-        np.concatenate([start.centre, start.lean]),
-        derivatives,
-        method="lm",
-        x_scale="jac",
-        ftol=1e-4,  # of the sum of squares: far below what noise changes
-    )
-    nearest = section_at(fitted.x)
-    steepest = np.tan(np.radians(LARGEST_TILT_DEG))
-    return nearest if np.hypot(*nearest.lean) < steepest else None  # false for NaN

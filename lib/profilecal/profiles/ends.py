@@ -30,8 +30,9 @@ class View:
     """
 
     borders: ndarray  # (b, 3) lines n·p + d = 0, the unit normal n outwards
-    # sign of z that points away from the scanner, told by its standoff; 0: not known
-    away: int
+    # of z that grows with depth, away from the scanner, told by its standoff; 0: not
+    # known
+    depth_sign: int
 
     @staticmethod
     def from_runs(runs_by_profile: Iterable[list[Run]]) -> "View":
@@ -47,9 +48,9 @@ class View:
             return View(ANYWHERE, 0)
         z = np.concatenate(shown)[:, 1]
         usual_depth = np.median([np.ptp(own[:, 1]) for own in shown])
-        side = int(np.sign(z[0]))
-        is_far = (side * z > usual_depth / 2).all()
-        return View(borders_of(shown), side if is_far else 0)
+        sign = int(np.sign(z[0]))
+        is_far = (sign * z > usual_depth / 2).all()
+        return View(borders_of(shown), sign if is_far else 0)
 
     def may_cut(self, point: ndarray) -> bool:
         """Whether the field of view may end at a point (2,)."""
@@ -77,7 +78,7 @@ def borders_of(shown: list[ndarray]) -> ndarray:
 class End:
     """Where a run ends."""
 
-    tip: ndarray  # (2,) mm
+    point: ndarray  # (2,) mm
     spacing: ndarray  # (2,) mm, from a point of the run to the next one, outwards
     overlaps: int  # how often the step's two sides alternate there
     # points of the step's side wall between one and two thresholds from the run's line
@@ -150,9 +151,9 @@ def run_end(run: Run) -> End:
     number = numbers[before] - end
     curve, covariance = np.polyfit(number, along[before], degree, cov=True)
     spacing, place = max(curve[-2], 1e-3), curve[-1]
-    tip = run.point + place * run.direction
+    point = run.point + place * run.direction
     variance = covariance[-1, -1] / spacing**2
-    return End(tip, spacing * run.direction, overlaps, wall, variance)
+    return End(point, spacing * run.direction, overlaps, wall, variance)
 
 
 def end_variance(ends: list[End]) -> float:

@@ -2,13 +2,16 @@
 profile shows of the target: a point, a chord, an arc or a line, or why there is none.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
 from scipy.ndimage import median_filter
 from scipy.optimize import nnls
+
+from profilecal.geometry.progress import watched
 
 # those of one scan, each (n, 2), x and z in mm
 Profiles = Sequence[ndarray]
@@ -21,6 +24,11 @@ LEAST_TOLERANCE = 0.1
 LARGEST_TOLERANCE = 2.0
 # tolerances, rms, of points from the line or curve that they follow: twice the noise
 FOLLOWS = 2 / NOISE_LIMIT
+
+
+def in_each(profiles: Profiles, found_in: Callable[[ndarray], Any]) -> list:
+    """What a function finds in each profile."""
+    return [*map(found_in, watched(profiles, "looking for the target"))]
 
 
 def present(profile: ndarray) -> ndarray:
@@ -96,7 +104,7 @@ def stretches(rows: ndarray, gap: int) -> list[ndarray]:
     return np.split(rows, np.flatnonzero(np.diff(rows) > gap) + 1)
 
 
-def correlation(errors: ndarray) -> float:
+def variance_inflation(errors: ndarray) -> float:
     """How many times the variance of a mean of errors (k,) exceeds that of independent
     ones.
 
@@ -119,8 +127,8 @@ def correlation(errors: ndarray) -> float:
 class Feature:
     """What one profile shows of the target: points, or a reason why it shows none."""
 
-    # (m, 2) mm. One of an edge; of a disk both tips, smaller x first; of others up to
-    # 40 means of points along the curve.
+    # (m, 2) mm. One of an edge; of a disk both tips, smaller x first; of others means
+    # of points along the curve
     points: ndarray
     covariance: ndarray  # (m, 2, 2) mm²
     used: ndarray  # (k,) rows of the profile that it rests on
@@ -145,7 +153,7 @@ def nothing(reason: str) -> Feature:
 def block_means(
     points: ndarray, off: ndarray, normals: ndarray
 ) -> tuple[ndarray, ndarray, ndarray]:
-    """Points (k, 2) along a curve as means of up to 40 blocks of neighbours.
+    """Points (k, 2) along a curve as means of blocks of neighbours.
 
     `off` (k,) are the distances of the points from the curve, mm, and `normals` (k, 2)
     its unit normals there. Returns the means (b, 2); the mean distance of each block
@@ -158,7 +166,7 @@ def block_means(
     bounds = np.linspace(0, k, min(most_blocks, k) + 1).astype(int)
     size = np.diff(bounds)
     variance = variances_across(off, normals) * k / max(k - fitted, 1)
-    values = np.column_stack([points, off, variance * correlation(off)])
+    values = np.column_stack([points, off, variance * variance_inflation(off)])
     means = np.add.reduceat(values, bounds[:-1]) / size[:, None]
     mean_variance = means[:, 3] / size
     return means[:, :2], means[:, 2], mean_variance[:, None, None] * np.eye(2)

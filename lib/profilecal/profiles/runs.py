@@ -9,13 +9,13 @@ from itertools import pairwise
 import numpy as np
 from numpy import ndarray
 
-from profilecal.geometry.progress import watched
 from profilecal.profiles.points import (
     FOLLOWS,
     Profiles,
-    correlation,
+    in_each,
     stretches,
     surface,
+    variance_inflation,
 )
 
 LEAST_POINTS = 6  # of a piece that is worth merging
@@ -55,8 +55,8 @@ class Run:
 
     def coordinates(self, points: ndarray) -> tuple[ndarray, ndarray]:
         """How far points (k, 2) are along the line and off it, mm."""
-        away = points - self.point
-        return away @ self.direction, away @ self.normal
+        offset = points - self.point
+        return offset @ self.direction, offset @ self.normal
 
     @property
     def points(self) -> ndarray:
@@ -85,9 +85,9 @@ class Run:
         It is larger where neighbouring points err alike.
         """
         k = len(self.off)
-        variance = (self.off**2).sum() / max(k - 2, 1) * correlation(self.off)
-        away = (places - self.point) @ self.direction
-        by_slope = np.outer(away, away) / (self.along**2).sum()
+        variance = (self.off**2).sum() / max(k - 2, 1) * variance_inflation(self.off)
+        from_middle = (places - self.point) @ self.direction
+        by_slope = np.outer(from_middle, from_middle) / (self.along**2).sum()
         return variance * (1 / k + by_slope)
 
     def covariance_across(self, places: ndarray) -> ndarray:
@@ -98,7 +98,7 @@ class Run:
 
 def runs_in_each(profiles: Profiles) -> list[list[Run]]:
     """The straight runs of each profile (n, 2)."""
-    return [*map(straight_runs, watched(profiles, "looking for the target"))]
+    return in_each(profiles, straight_runs)
 
 
 def straight_runs(profile: ndarray, uneven: float = 0.0) -> list[Run]:

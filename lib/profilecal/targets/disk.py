@@ -7,7 +7,7 @@ from numpy import ndarray
 
 from profilecal.geometry.fitting import fit_sphere, principal_axes
 from profilecal.geometry.poses import circle_around, cross, dot, frame_around, root
-from profilecal.profiles.edges import find_chords
+from profilecal.profiles.chords import find_chords
 from profilecal.targets.plane import BELOW_MM, Plane
 from profilecal.targets.target import (
     Fitted,

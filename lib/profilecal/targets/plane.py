@@ -9,7 +9,7 @@ from numpy import ndarray
 
 from profilecal.geometry.fitting import principal_axes
 from profilecal.geometry.poses import circle_around, cross, dot, frame_around
-from profilecal.profiles.edges import find_lines
+from profilecal.profiles.faces import find_lines
 from profilecal.targets.target import (
     Fitted,
     Linearised,

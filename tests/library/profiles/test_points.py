@@ -5,7 +5,7 @@ import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_array_equal
 
-from profilecal.profiles.points import correlation, in_order, present
+from profilecal.profiles.points import in_order, present, variance_inflation
 
 
 def present_at(depths):
@@ -44,10 +44,10 @@ def test_correlation_enlarges_variances_of_means():
     """
     rng = default_rng(9)
     white = rng.normal(size=(200, 1000))
-    factors = [correlation(errors) for errors in white]
+    factors = [variance_inflation(errors) for errors in white]
     assert np.mean(factors) == pytest.approx(1, abs=0.05)
     five = np.ones(5) / 5
     smooth = np.array([np.convolve(errors, five, "valid") for errors in white])
     actual = smooth.mean(axis=1).var() * smooth.shape[1] / smooth.var()
-    factors = [correlation(errors) for errors in smooth]
+    factors = [variance_inflation(errors) for errors in smooth]
     assert np.mean(factors) == pytest.approx(actual, rel=4 * np.sqrt(2 / 200))

@@ -1,0 +1,86 @@
+"""Candidates for a target's feature in raw profiles, and which of them it is."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from profilecal.profiles.ends import End, end_variance
+from profilecal.profiles.points import Feature, Profiles, nothing
+
+# a second candidate with this share of what supports the first leaves the choice open:
+# of length, and of profiles that show it
+AMBIGUOUS = 0.5
+
+
+class Look(NamedTuple):
+    """What the target's features in all profiles of a scan have in common."""
+
+    shape: str
+    # that tells a feature from others of its shape: of z where a corner or a tip
+    # points, or a chord's steps lead; of x from a face's middle to its step end; 0:
+    # nothing does
+    sign: int = 0
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Something in a profile that may be the target's feature."""
+
+    feature: Feature
+    sign: int = 0  # of its look
+    support: float = 0.0  # mm
+    angle: float = 0.0  # rad, between the sides of a corner
+    ends: tuple[End, ...] = ()  # where its points are the ends of runs
+
+    @property
+    def look(self) -> Look:
+        """What it has in common with the target's feature in other profiles."""
+        return Look(self.feature.shape, self.sign)
+
+
+def ranked(candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Candidates of one profile, the one of most support first."""
+    return sorted(candidates, key=lambda one: -one.support)
+
+
+def choose(
+    profiles: Profiles,
+    candidates: Sequence[Sequence[Candidate]],
+    shape: str,
+    reasons: Sequence[str],
+) -> list[Feature]:
+    """For each profile the feature, of such a shape, of its candidate if just one is
+    clear; else nothing, with the reason. Candidates are ranked, the one of most support
+    first. `reasons`: why a profile has none; empty where no more can be said than that.
+    """
+    if not any(candidates):
+        counts = map(len, profiles)
+        return [nothing(f"nothing like the target in {n} points") for n in counts]
+    chosen = []
+    for profile, own, reason in zip(profiles, candidates, reasons, strict=True):
+        if not len(profile):
+            reason = "nothing in this profile"
+        elif len(own) > 1 and own[1].support > AMBIGUOUS * own[0].support:
+            reason = f"{len(own)} candidates for the {shape}, none clearly the best"
+        elif own:
+            chosen.append(own[0])
+            continue
+        chosen.append(Candidate(nothing(reason or f"no {shape} as in other profiles")))
+    return with_end_variance(chosen)
+
+
+def with_end_variance(chosen: list[Candidate]) -> list[Feature]:
+    """The features of candidates, with the variance of run ends along their runs."""
+    counted = end_variance([end for candidate in chosen for end in candidate.ends])
+    features = []
+    for candidate in chosen:
+        feature = candidate.feature
+        along = [
+            (counted + end.variance) * np.outer(end.spacing, end.spacing)
+            for end in candidate.ends
+        ]
+        covariance = feature.covariance + (along or 0.0)
+        features.append(replace(feature, covariance=covariance))
+    return features

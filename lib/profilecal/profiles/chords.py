@@ -1,0 +1,44 @@
+"""Finder of a disk's chord in raw profiles: a straight run in front of what is behind
+the disk.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from profilecal.profiles.candidates import Candidate, choose, ranked
+from profilecal.profiles.ends import View, facing, run_end, step_beyond
+from profilecal.profiles.points import Feature, Profiles
+from profilecal.profiles.runs import Run, runs_in_each
+
+
+def find_chords(profiles: Profiles, radius: float) -> list[Feature]:
+    """The tips of the disk's chord in each profile (n, 2), mm."""
+    found = runs_in_each(profiles)
+    view = View.from_runs(found)
+    candidates = [ranked(chords(runs, radius, view)) for runs in found]
+    # most chords are in front
+    signs = [one.sign for own in candidates for one in own]
+    depth_sign = view.depth_sign or np.sign(sum(signs))
+    in_front = [[c for c in own if c.sign * depth_sign >= 0] for own in candidates]
+    return choose(profiles, in_front, "chord", [""] * len(profiles))
+
+
+def chords(runs: list[Run], radius: float, view: View) -> Iterator[Candidate]:
+    """Straight runs no longer than the disk's diameter that end on both sides before a
+    step or nothing.
+    """
+    for run in facing(runs):
+        start, stop = run.reversed(), run
+        before = step_beyond(start, view)
+        after = step_beyond(stop, view)
+        if before is None or after is None or before * after < 0:
+            continue
+        ends = sorted(map(run_end, (start, stop)), key=lambda end: end.point[0])
+        tips = np.stack([end.point for end in ends])
+        if np.linalg.norm(tips[1] - tips[0]) > 2 * radius + 4 * run.spacing:
+            continue
+        covariance = run.covariance_across(tips)
+        own = covariance[[0, 1], [0, 1]]
+        feature = Feature(tips, own, run.rows, "chord", between=covariance[0, 1])
+        yield Candidate(feature, before or after, run.length, ends=tuple(ends))
