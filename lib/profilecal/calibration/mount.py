@@ -41,7 +41,7 @@ def shown_by(solution: Solution) -> tuple[ndarray, Spectrum]:
     they tell it.
     """
     model, _ = solution.model()
-    model.of_mount = 0.0
+    model.of_mount = 0.0  # the model was made for this alone
     posterior = model.posterior(solution.error_sizes.v[None])
     covariance = posterior.covariance[0, :6, :6]
     return posterior.mean[0, :6], of_covariance(covariance)

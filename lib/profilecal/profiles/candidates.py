@@ -76,11 +76,9 @@ def with_end_variance(chosen: list[Candidate]) -> list[Feature]:
     counted = end_variance([end for candidate in chosen for end in candidate.ends])
     features = []
     for candidate in chosen:
-        feature = candidate.feature
-        along = [
-            (counted + end.variance) * np.outer(end.spacing, end.spacing)
-            for end in candidate.ends
-        ]
-        covariance = feature.covariance + (along or 0.0)
-        features.append(replace(feature, covariance=covariance))
+        covariance = candidate.feature.covariance.copy()
+        for k, end in enumerate(candidate.ends):
+            along = np.outer(end.spacing, end.spacing)
+            covariance[k] += (counted + end.variance) * along
+        features.append(replace(candidate.feature, covariance=covariance))
     return features

@@ -32,6 +32,7 @@ def chords(runs: list[Run], radius: float, view: View) -> Iterator[Candidate]:
         start, stop = run.reversed(), run
         before = step_beyond(start, view)
         after = step_beyond(stop, view)
+        # what is on both sides lies behind, or nothing does; None is no end
         if before is None or after is None or before * after < 0:
             continue
         ends = sorted(map(run_end, (start, stop)), key=lambda end: end.point[0])

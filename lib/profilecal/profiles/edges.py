@@ -118,7 +118,7 @@ def corners(runs: list[Run]) -> Iterator[Candidate]:
         rounded = crossing(first, second)
         sine = abs(first.direction @ second.normal)
         # beside a shallow corner the next face passes for a run's own, by its limit
-        spoilt = max(BLUNT, 1.5 * first.limit / sine)
+        spoilt = max(BLUNT, 1.2 * first.limit / sine)
         before = beyond(spoilt, first, rounded)
         after = beyond(spoilt, second, rounded)
         if not before or not after or not is_bent(before, after):

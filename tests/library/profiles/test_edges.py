@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from finding import features_of, normalised, shapes_found, share_found
 from numpy.random import default_rng
+from raw_profiles import scan, turned
 
 from profilecal.simulation.robot import Scanner
 from profilecal.simulation.spec import Spec, simulate_scan, truth_of
@@ -39,6 +40,18 @@ def test_where_both_ends_of_a_face_show_the_corner_tells_which_is_the_edge():
     rotation, origin = T_base_sensor[:, :3, :3], T_base_sensor[:, :3, 3]
     points = truth.target.meet(rotation, origin)[:, None]
     assert normalised(features, points)[0] < 2
+
+
+def test_a_shallow_corner_is_as_exact_as_stated():
+    """At 25° a face is within the tolerance of the next one for half a millimetre."""
+    rng, slope = default_rng(2), np.tan(np.radians(12.5))
+    places = rng.uniform([-5, 190], [5, 230], (120, 2))
+    roof = [[-20, 20 * slope], [0, 0], [20, 20 * slope]]
+    chains = [turned(roof, rng.uniform(-0.2, 0.2), place) for place in places]
+    features = features_of("edge", scan(chains, rng))
+    assert share_found(features) > 0.9
+    ratio, count = normalised(features, places[:, None])
+    assert abs(ratio - 1) < 4 / np.sqrt(count)
 
 
 def corner(rng, count):
