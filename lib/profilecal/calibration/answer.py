@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from hashlib import sha256
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -72,7 +71,16 @@ class Answer:
         rules = {"mount": one_of(MOUNTS), "status": one_of(("ok", "weak"))}
         check_entries("Answer", said, rules)
         with naming("Answer"):
-            check_answer(self)
+            check_array("the sensor pose", self.pose, (4, 4))
+            C = check_array("its covariance", self.covariance_total_mm_deg, (6, 6))
+            check_array("noise_mm", [self.noise_mm], (1,))
+            check_rigid("the sensor pose", self.pose[None])
+            values = np.linalg.eigvalsh(C)
+            is_positive = values[0] >= -1e-9 * values[-1] and values[-1] > 0
+            if not np.allclose(C, C.T) or not is_positive:
+                raise ValueError(
+                    "holds no covariance; expected a symmetric, positive matrix"
+                )
 
 
 def in_mm_deg(covariance: ndarray) -> ndarray:
@@ -131,7 +139,19 @@ def read_answer(path: str | Path) -> Answer:
     """
     try:
         entries = json.loads(Path(path).read_bytes())
-        answer = answer_in(entries)
+        to_hand = "T_base_sensor" in entries
+        rows = entries["T_base_sensor" if to_hand else "T_flange_sensor"]
+        total = np.asarray(entries["covariance_total"], dtype=float)
+        return Answer(
+            pose=np.asarray([*rows], dtype=float),  # null has no rows
+            covariance_total_mm_deg=total,
+            noise_mm=float(entries["noise_mm"]),
+            mount=MOUNTS[to_hand],
+            status=entries["status"],
+            joint=Joint(**entries["joint"]) if entries.get("joint") else None,
+            covariance_mm_deg=np.asarray(entries["covariance"], dtype=float),
+            fingerprints=tuple(chain(*entries.get("made", {}).get("scans", ()))),
+        )
     except OSError as error:
         how = "; profilecal calibrate SCAN --json > T.json writes one"
         missing = isinstance(error, (FileNotFoundError, IsADirectoryError))
@@ -141,37 +161,6 @@ def read_answer(path: str | Path) -> Answer:
         raise ScanError(f"{path}: {sentence}") from error
     except (ValueError, TypeError, KeyError) as error:
         raise ScanError(f"{path}: {EXPECTED}") from error
-    return answer
-
-
-def answer_in(entries: dict[str, Any]) -> Answer:
-    """The answer in the entries of a JSON object. Raises KeyError, TypeError and
-    ValueError where they are something else.
-    """
-    to_hand = "T_base_sensor" in entries
-    rows = entries["T_base_sensor" if to_hand else "T_flange_sensor"]
-    return Answer(
-        pose=np.asarray([*rows], dtype=float),  # null has no rows
-        covariance_total_mm_deg=np.asarray(entries["covariance_total"], dtype=float),
-        noise_mm=float(entries["noise_mm"]),
-        mount=MOUNTS[to_hand],
-        status=entries["status"],
-        joint=Joint(**entries["joint"]) if entries.get("joint") else None,
-        covariance_mm_deg=np.asarray(entries["covariance"], dtype=float),
-        fingerprints=tuple(chain(*entries.get("made", {}).get("scans", ()))),
-    )
-
-
-def check_answer(answer: Answer) -> None:
-    """Refuse, with ValueError, numbers that are no pose, no covariance or no noise."""
-    check_array("the sensor pose", answer.pose, (4, 4))
-    covariance = check_array("its covariance", answer.covariance_total_mm_deg, (6, 6))
-    check_array("noise_mm", [answer.noise_mm], (1,))
-    check_rigid("the sensor pose", answer.pose[None])
-    values = np.linalg.eigvalsh(covariance)
-    symmetric = np.allclose(covariance, covariance.T)
-    if not symmetric or values[0] < -1e-9 * values[-1] or values[-1] <= 0:
-        raise ValueError("holds no covariance; expected a symmetric, positive matrix")
 
 
 def check_another(found: Answer, other: Scan | Answer) -> str:

@@ -162,8 +162,8 @@ def believed(
     against = on_other_side or bool(objection)
     if solution.status == "ok" and against:
         solution = replace(solution, status="weak")
-    messages = (*[objection] * bool(objection), *solution.messages, *remarks)
-    return replace(solution, messages=messages), misread or against
+    messages = filter(None, [objection, *solution.messages, *remarks])
+    return replace(solution, messages=tuple(messages)), misread or against
 
 
 def with_mount(
