@@ -109,18 +109,19 @@ def look_of_side_faces(
 def corners(runs: list[Run]) -> Iterator[Candidate]:
     """Where neighbouring straight runs meet: a ridge's apex, the corner of a bar.
 
-    The lines rest on points beyond its rounding; there is none where these are too few.
-    Rounding at the other end of a run stays: it hardly counts in a long one.
+    The lines rest on points beyond the rounding of all corners; there is none where
+    these are too few. Beside a shallow one the next face passes for a run's own.
     """
-    for first, second in pairwise(runs):
-        if not form_corner(first, second):
-            continue
+    faces: list[Run | None] = [*runs]
+    joined = [k for k, pair in enumerate(pairwise(runs)) if form_corner(*pair)]
+    for k in joined:
+        first, second = runs[k : k + 2]
+        spoilt = max(BLUNT, 1.5 * first.limit / abs(first.direction @ second.normal))
         rounded = crossing(first, second)
-        sine = abs(first.direction @ second.normal)
-        # beside a shallow corner the next face passes for a run's own, by its limit
-        spoilt = max(BLUNT, 1.2 * first.limit / sine)
-        before = beyond(spoilt, first, rounded)
-        after = beyond(spoilt, second, rounded)
+        for one in (k, k + 1):
+            faces[one] = beyond(spoilt, faces[one], rounded)
+    for k in joined:
+        before, after = faces[k : k + 2]
         if not before or not after or not is_bent(before, after):
             continue
         apex = crossing(before, after)
@@ -128,9 +129,9 @@ def corners(runs: list[Run]) -> Iterator[Candidate]:
         used = np.concatenate([before.rows, after.rows])
         feature = Feature(apex[None], covariance[None], used, "corner")
         # from between the sides to the apex and on
-        towards = first.direction - second.direction
+        towards = before.direction - after.direction
         sign = int(np.sign(towards[1]))
-        bend = np.arccos(first.direction @ second.direction)
+        bend = np.arccos(before.direction @ after.direction)
         support = min(before.length, after.length)
         yield Candidate(feature, sign, support, np.pi - bend)
 
@@ -203,10 +204,12 @@ def crossing_covariance(first: Run, second: Run, apex: ndarray) -> ndarray:
     return inverse @ np.diag(variances) @ inverse.T
 
 
-def beyond(spoilt: float, run: Run, apex: ndarray) -> Run | None:
+def beyond(spoilt: float, run: Run | None, apex: ndarray) -> Run | None:
     """The run but for some mm around the corner, which are spoilt; None if too little
     is left.
     """
+    if not run:
+        return None
     from_apex = run.along - (apex - run.point) @ run.direction
     rows = run.rows[np.abs(from_apex) > spoilt]
     if len(rows) < LEAST_SIDE:

@@ -30,8 +30,8 @@ class View:
     """
 
     borders: ndarray  # (b, 3) lines n·p + d = 0, the unit normal n outwards
-    # of z that grows with depth, away from the scanner, told by its standoff; 0: not
-    # known
+    # 1 where z grows away from the scanner, -1 where it falls, as its standoff tells;
+    # 0: not known
     depth_sign: int
 
     @staticmethod

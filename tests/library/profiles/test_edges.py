@@ -42,12 +42,19 @@ def test_where_both_ends_of_a_face_show_the_corner_tells_which_is_the_edge():
     assert normalised(features, points)[0] < 2
 
 
-def test_a_shallow_corner_is_as_exact_as_stated():
-    """At 25° a face is within the tolerance of the next one for half a millimetre."""
-    rng, slope = default_rng(2), np.tan(np.radians(12.5))
+SLOPE = np.tan(np.radians(12.5))
+ROOF = [[-20, 20 * SLOPE], [0, 0], [20, 20 * SLOPE]]
+CHAMFER = [*ROOF[:2], [12, 12 * SLOPE], [14, 12 * SLOPE + 8]]
+
+
+@pytest.mark.parametrize("chain", [ROOF, CHAMFER], ids=["roof", "chamfer"])
+def test_a_shallow_corner_is_as_exact_as_stated(chain):
+    """At 25° a face is within the tolerance of the next one for half a millimetre: at
+    both ends of a chamfer.
+    """
+    rng = default_rng(2)
     places = rng.uniform([-5, 190], [5, 230], (120, 2))
-    roof = [[-20, 20 * slope], [0, 0], [20, 20 * slope]]
-    chains = [turned(roof, rng.uniform(-0.2, 0.2), place) for place in places]
+    chains = [turned(chain, rng.uniform(-0.2, 0.2), place) for place in places]
     features = features_of("edge", scan(chains, rng))
     assert share_found(features) > 0.9
     ratio, count = normalised(features, places[:, None])
