@@ -116,7 +116,9 @@ def corners(runs: list[Run]) -> Iterator[Candidate]:
     joined = [k for k, pair in enumerate(pairwise(runs)) if form_corner(*pair)]
     for k in joined:
         first, second = runs[k : k + 2]
-        spoilt = max(BLUNT, 1.5 * first.limit / abs(first.direction @ second.normal))
+        # the next face leaves this one's limit so far along it, and half as far again
+        along, off = np.abs([first.direction, first.normal] @ second.direction)
+        spoilt = max(BLUNT, 1.5 * first.limit * along / off)
         rounded = crossing(first, second)
         for one in (k, k + 1):
             faces[one] = beyond(spoilt, faces[one], rounded)
