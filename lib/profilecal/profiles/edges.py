@@ -116,7 +116,7 @@ def corners(runs: list[Run]) -> Iterator[Candidate]:
     joined = [k for k, pair in enumerate(pairwise(runs)) if form_corner(*pair)]
     for k in joined:
         first, second = runs[k : k + 2]
-        # the next face leaves this one's limit so far along it, and half as far again
+        # as far along a face as the next one is within its limit, and half as far again
         along, off = np.abs([first.direction, first.normal] @ second.direction)
         spoilt = max(BLUNT, 1.5 * first.limit * along / off)
         rounded = crossing(first, second)
