@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from profilecal.geometry.noise import SMOOTH, Noise, Systematic, chi2_limit
 from profilecal.geometry.observability import units_by_hand
-from profilecal.geometry.poses import carry, inverse, rotations
+from profilecal.geometry.poses import carry, rotations
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.prior import DELAY, Mount, Perturbation, considered, of_clocks
 from profilecal.joint.residuals import SENSOR, Residuals
@@ -102,19 +102,15 @@ class Problem:
         """The robot's smooth errors at a state, a batch of one; `at_sensor`: they are
         errors of the sensor's origin.
         """
-        frames = state.rotation[0], state.translation[0]
-        R, T, positions = [], [], []
-        for entry in self.observations:
-            R.append(entry.R_flange[0])
-            T.append(entry.T_flange[0])
-            to_hand = entry.eye_to_hand
-            positions.append(inverse(R[-1], T[-1])[1] if to_hand else T[-1])
-        R, T, positions = map(np.concatenate, (R, T, positions))
-        points = [entry.points[0].reshape(-1, 2) for entry in self.observations]
-        x, z = np.nanmean(np.concatenate(points), axis=0)
-        arms = (1 - at_sensor) * (frames[1] - to_hand * positions) @ frames[0]
+        seen_from = [(each.R_flange[0], each.T_flange[0]) for each in self.observations]
+        R, T = map(np.concatenate, zip(*seen_from, strict=True))
+        pairs = zip(self.terms, state.placements, strict=True)
+        middles = [term.middle(state, placement) for term, placement in pairs]
+        seen = np.average(middles, axis=0, weights=[term.P for term in self.terms])
         ratio = np.radians(self.noise.accuracy_deg) / (self.noise.accuracy_mm or 1.0)
-        where = (R, T), frames, arms, np.array([x, 0.0, z]), ratio, positions
+        sensor = state.rotation[0], state.translation[0]
+        to_hand = self.observations[0].eye_to_hand
+        where = (R, T), sensor, seen, ratio, to_hand, at_sensor
         return smooth_errors(*where, self.known_smooth)
 
     def later(self, seconds: float) -> "Problem":

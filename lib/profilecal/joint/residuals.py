@@ -138,6 +138,19 @@ class Residuals:
         o, *a = ([in_sensor[:, j, None, i] for i in range(3)] for j in range(4))
         return o, a
 
+    def middle(self, state: State, placement: tuple) -> ndarray:
+        """The middle (3,) of what all poses see, in the sensor's frame: of each pose's
+        points, put to where the target is, as in a ball's centre or a rod's axis.
+        """
+        in_sensor = self.target_in_sensor(state, placement)
+        origin, axes = (np.array(part)[..., 0, 0, :] for part in in_sensor)
+        number = self.present[0].sum(axis=0)
+        x, z = self.seen[:, 0].sum(axis=1) / np.maximum(number, 1)
+        middle = np.array([x, 0 * x, z])  # (3, P)
+        for axis in axes[self.shifts]:
+            middle -= axis * np.sum(axis * (middle - origin), axis=0)
+        return middle[:, number > 0].mean(axis=1)
+
     def by_flange(self, columns: ndarray, state: State) -> ndarray:
         """The derivatives (B, 6, K, P) by the flange pose, about the sensor's axes,
         from those by the sensor pose among the columns.

@@ -1,14 +1,17 @@
 """Errors of a robot that vary smoothly with its pose: joints and lengths are wrong by
 little, and no visit changes that.
 
-The flange's error, a shift and a turn about the sensor's axes, is taken for a linear
-function of where the flange is, seen from the middle of all poses: the shift by way and
-turn, the turn by the turn alone; 27 coefficients, as likely to be positive as negative.
+The flange's error is taken for a linear function of where the flange is, seen from the
+middle of all poses: a shift along the base's axes by the way; a shift and a turn about
+the sensor's axes by the turn; 27 coefficients, as likely to be positive as negative.
 
 Much of it no residual can show, whatever the target: a mount and a base that are a
 little different move every profile nearly alike. What they take up is taken out of the
 errors, by least squares over the poses as they move the middle of the view, so that the
 mount of the linear model is the one that these poses show.
+
+Of 328 regions of 95 % by simulated arms 0.945 held where no wrist turned over from one
+pose to another (disks 0.89). Where some did, which errs by a jump, 0.86 (disks 0.78).
 """
 
 from dataclasses import dataclass, replace
@@ -17,7 +20,7 @@ import numpy as np
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
-from profilecal.geometry.poses import Frames, nearest_rotation
+from profilecal.geometry.poses import Frames, inverse, nearest_rotation
 
 # A way over which the errors change by as much as they are; over a radian they do too.
 REACH_MM = 750.0
@@ -61,38 +64,45 @@ class SmoothErrors:
 def smooth_errors(
     poses: Frames,
     sensor: Frames,
-    arms: ndarray,
     seen: ndarray,
     ratio: float,
-    positions: ndarray,
+    to_hand: bool = False,
+    at_sensor: bool = False,
     known: Known | None = None,
 ) -> SmoothErrors:
-    """Of `poses` of the flange (P, 3, 3), (P, 3), eye-to-hand of the base in its frame,
-    `positions` (P, 3) of the flange in the base, and a `sensor` pose (3, 3), (3,).
+    """Of `poses` of the flange (P, 3, 3), (P, 3), `to_hand` of the base in its frame,
+    and a `sensor` pose (3, 3), (3,) that has the middle of its view at `seen` (3,).
 
-    `arms` (P, 3): the sensor from the flange, and `seen` (3,) the middle of its view,
-    in its frame. `ratio`: an error of the orientation, rad, to one of the position.
-    `known`: middle and steps, if others say what they are.
+    `ratio`: an error of the orientation, rad, to one of the position. `at_sensor`: they
+    are errors of the sensor's origin. `known`: middle and steps, if others say what
+    they are.
     """
     R, T = poses
     R_sensor, T_sensor = sensor
+    positions = inverse(R, T)[1] if to_hand else T
     middle, steps = (nearest_rotation(R.mean(axis=0)), positions.mean(axis=0)), None
     if known:
         *middle, steps = known
-    turns = Rotation.from_matrix(middle[0].T @ R).as_rotvec() @ R_sensor
-    ways = np.hstack([(positions - middle[1]) / REACH_MM, turns])
-    of_flange = np.zeros((len(R), 6, COEFFICIENTS))
-    of_flange[:, :3, :18] = np.kron(np.eye(3), ways[:, None])
-    of_flange[:, 3:, 18:] = np.kron(np.eye(3), ratio * turns[:, None])
-
+    turns = Rotation.from_matrix(middle[0].T @ R).as_rotvec()
+    ways = (positions - middle[1]) / REACH_MM
+    by_turn, by_way = (np.kron(np.eye(3), part[:, None]) for part in (turns, ways))
     to_sensor = np.kron(np.eye(2), (R @ R_sensor).mT)
+    if not to_hand:  # else the sensor's axes stand still in the base
+        by_way = to_sensor[:, :3, :3] @ by_way
+    of_flange = np.zeros((len(R), 6, COEFFICIENTS))
+    of_flange[:, :3, :9] = by_way
+    of_flange[:, :3, 9:18] = by_turn
+    of_flange[:, 3:, 18:] = ratio * by_turn
+
     by_base = to_sensor @ shifting(R @ (R_sensor @ seen + T_sensor) + T)
     by_mount = np.broadcast_to(shifting(seen[None]), by_base.shape)
     rigid = np.concatenate([by_mount, by_base], axis=2)
-    errors = shifting(arms + seen) @ of_flange
+    # the middle of the view from the flange
+    arms = (1 - at_sensor) * (T_sensor - to_hand * positions) @ R_sensor + seen
+    errors = shifting(arms) @ of_flange
     if steps is None:
         steps = taken_up(rigid, errors)
-    return SmoothErrors(errors, rigid, shifting(-arms - seen), middle, steps)
+    return SmoothErrors(errors, rigid, shifting(-arms), middle, steps)
 
 
 def taken_up(rigid: ndarray, errors: ndarray) -> ndarray:

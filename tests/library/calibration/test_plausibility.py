@@ -97,7 +97,8 @@ WRONG = [
     ("ball", SCALED_X, "the profiles' x were too small by 0.4", ENLARGED),
     ("ball", SCALED_Z, "the profiles' z were too large by 0.9", ALLOWED),
     ("edge", scaled_robot, "positions were too far apart by 0.9", ENLARGED),
-    ("ball", scaled_axis, "base's y were too far apart by 0.9", ENLARGED),
+    ("ball", scaled_axis, "base's y were too far apart by 1 %", ENLARGED),
+    ("disk", drifting, "drifted along the base's x by 0.7", ENLARGED),
 ]
 
 
@@ -121,17 +122,6 @@ def test_what_is_wrong_everywhere_is_named_and_widens_the_region(
     assert named, found.messages
     assert named[0].endswith(end)
     assert largest_error(found) < 5 or found.status == "weak"
-
-
-def test_a_drift_that_is_smooth_in_the_pose_is_taken_for_the_arm_s_own():
-    """It is not named, but the region holds the mount, which was missed without."""
-    scan = drifting(example("disk"))
-    found = pc.calibrate(scan)
-    assert not found.messages
-    assert squared_error(found) < FARTHEST
-    exact_arm = scan.noise | {"accuracy_mm": 0.0, "accuracy_deg": 0.0}
-    without = pc.calibrate(replace(scan, noise=exact_arm))
-    assert "drifted along the base's x by 0." in said(without)
 
 
 @pytest.mark.parametrize("kind", KINDS)

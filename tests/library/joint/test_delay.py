@@ -164,11 +164,9 @@ if "PROFILECAL_COVERAGE" in os.environ:
 
 @pytest.mark.parametrize(("name", "kind"), IN_FIELD)
 def test_in_the_field_an_answer_is_right_or_doubted(name, kind):
-    """A lag smooths the weave: the residuals tell. Few sweeps of a plane hardly tell a
-    mount from an arm that errs smoothly.
-    """
+    """A lag smooths the weave: the residuals tell."""
     noise = {"profile_mm": 0.05, "group_position_mm": 0.05, "jitter_ms": 0.1}
-    sweeps = 24 if kind == "edge" else 12
+    sweeps = 12 if kind == "ball" else 24
     entries = {"sweeps": sweeps, "profiles": 30} | FIELD[name]
     for seed in range(max(1, SCANS // 6)):
         scan, truth = driven(kind, seed=seed, noise=noise, **entries)
@@ -178,7 +176,7 @@ def test_in_the_field_an_answer_is_right_or_doubted(name, kind):
             assert "the residuals look as if" in " ".join(found.messages)
             continue
         error = error_of(found, truth.pose)
-        assert found.status == "ok" or kind == "plane"
+        assert found.status == "ok"
         assert normalised_square(found.solution.covariance, error) < 40
         late = found.to_json()["delay_ms"] - scan.truth["delay_ms"]
         assert abs(late) < 5 * found.to_json()["delay_sd_ms"]

@@ -3,25 +3,29 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
+from simulated import calibration_of
 
-from profilecal.geometry.poses import carry, rotations
-from profilecal.joint.smooth import VIEW_MM, smooth_errors
+from profilecal.geometry.poses import carry, inverse, rotations
+from profilecal.joint.residuals import Residuals
+from profilecal.joint.smooth import REACH_MM, VIEW_MM, smooth_errors
 
 SEEN = np.array([5.0, 0.0, 120.0])
 
 
-def some_errors(seed=1, count=12):
-    """Smooth errors at random poses of a flange, the poses, and the sensor's."""
+def some_errors(seed=1, count=12, to_hand=False):
+    """Smooth errors at random poses of a flange, or `to_hand` of a base in its frame;
+    the poses, and the sensor's.
+    """
     rng = default_rng(seed)
     R = rotations(rng.normal(size=(count, 3)) * 0.4)
     T = rng.normal(size=(count, 3)) * 60 + [900, 0, 300]
     R_sensor, T_sensor = rotations(rng.normal(size=3)), np.array([60.0, -40.0, 110.0])
-    arms = np.tile(T_sensor @ R_sensor, (count, 1))
     sensor = R_sensor, T_sensor
-    return smooth_errors((R, T), sensor, arms, SEEN, 0.002, T), (R, T), sensor
+    return smooth_errors((R, T), sensor, SEEN, 0.002, to_hand), (R, T), sensor
 
 
 def view(poses, sensor):
@@ -67,3 +71,33 @@ def test_what_a_mount_and_a_base_take_up_is_left_out():
     rigid_errors = replace(errors, errors=errors.rigid @ steps).keeping(kept)
     assert_allclose(rigid_errors.steps, steps, atol=1e-6)
     assert np.abs(rigid_errors.left).max() < 1e-6
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane", "rod"])
+def test_the_middle_of_what_a_pose_sees_is_where_the_target_is(kind):
+    """In a ball's centre and on a rod's axis, which lie deeper than their points."""
+    solution = calibration_of(kind, seed=1, measured="profiles").solution
+    (seen,), (placement,) = solution.problem.observations, solution.state.placements
+    of_pose = Residuals(seen.keep([3]))
+    middle = of_pose.middle(solution.state, placement)
+    on_flange = carry(solution.rotation, solution.translation, middle)
+    in_base = carry(seen.R_flange[0, 3], seen.T_flange[0, 3], on_flange)
+    origin, axes = placement
+    off = axes[0].T @ (in_base - origin[0])
+    assert_allclose(off[of_pose.shifts], 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("to_hand", [False, True])
+def test_a_scale_of_the_robot_s_positions_is_such_an_error(to_hand):
+    """Along an axis of the base, however the flange is turned."""
+    errors, (R, T), (R_sensor, _) = some_errors(to_hand=to_hand)
+    positions = inverse(R, T)[1] if to_hand else T
+    scaled = (positions - positions.mean(axis=0)) * [0.001, 0, 0]
+    to_sensor = R_sensor.T if to_hand else (R @ R_sensor).mT
+    motions = np.zeros((12, 6))
+    motions[:, :3] = (to_sensor @ scaled[..., None])[..., 0]
+    columns = errors.errors.reshape(72, 27)
+    sizes = np.linalg.lstsq(columns, motions.ravel(), rcond=1e-9)[0]
+    assert_allclose(columns @ sizes, motions.ravel(), atol=1e-9)
+    # beside turns, which come with ways here
+    assert_allclose(np.linalg.norm(sizes), REACH_MM * 0.001, rtol=0.01)
