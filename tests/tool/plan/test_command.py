@@ -10,13 +10,15 @@ import pandas as pd
 import pytest
 from command import run
 from folders import edited
+from planned import GUESS as AROUND
+from planned import KINDS
 from scipy.stats import chi2
 from simulated import printed_square
 
 import profilecal as pc
 from profilecal.geometry.noise import Noise
-from profilecal.scan.folder import write_scan
-from profilecal.scan.toml import read_toml
+from profilecal.scan.folder import read_scan, write_scan
+from profilecal.scan.toml import read_toml, toml_text
 from profilecal.simulation.spec import Spec, simulate_scan
 from profilecal_tool.plan.design import design
 from profilecal_tool.plan.task import read_task
@@ -242,7 +244,7 @@ def test_an_accuracy_takes_as_many_poses_as_it_takes(tmp_path):
 def test_a_wide_guess_gets_a_first_step_whose_answer_plans_the_second(tmp_path):
     margins = "mount_mm = 15\nmount_deg = 8\ntarget_mm = 15\ntarget_deg = 8\n[noise]"
     wish = "until = [0.09, 0.045]\nhigh = [1200, 400, 800]"
-    # of seeds 2 to 6 four answers are within 22 % of the plan, that of 2 twice as wide
+    # of seeds 2 to 5 the answers are 1.1 to 1.4 times as wide as what is asked for
     changes = ("[noise]", margins), ("poses = 8", wish), ("seed = 2", "seed = 4")
     spec = spec_in(tmp_path, *changes)
     first, second = tmp_path / "first", tmp_path / "second"
@@ -262,8 +264,28 @@ def test_a_wide_guess_gets_a_first_step_whose_answer_plans_the_second(tmp_path):
     output = run("calibrate", tmp_path / "scan", tmp_path / "more", "--json").output
     answer = json.loads(output)
     assert answer["status"] == "ok"
-    assert stated_worst(answer) == pytest.approx([0.09, 0.045], rel=0.3)
+    assert stated_worst(answer) == pytest.approx([0.09, 0.045], rel=0.25)
     assert printed_square(answer, truth) < chi2.ppf(0.99, 6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_true_mount_of_an_arm_lies_in_the_total_region_of_a_plan_too(
+    kind, tmp_path
+):
+    """Poses that suit the target hardly show what is wrong with the joints."""
+    spec, arm = tmp_path / "spec.toml", {"joint_deg": 0.035, "link_mm": 0.2}
+    entries = {"kind": kind, "seed": 1, "measured": "profiles", "robot": arm}
+    spec.write_text(toml_text(entries | {"guess": AROUND}))
+    run("plan", spec, tmp_path / "plan", "--poses", 16)
+    run("simulate", tmp_path / "plan/simulate.toml", tmp_path / "scan")
+    scan, truth = read_scan(tmp_path / "scan"), read_toml(tmp_path / "scan/truth.toml")
+
+    def square(**noise):
+        found = pc.calibrate(replace(scan, noise=noise)).to_json()
+        return printed_square(found, truth, "covariance_total")
+
+    assert square() < chi2.isf(0.01, 6)
+    assert square() < square(accuracy_mm=0.0, accuracy_deg=0.0)
 
 
 GUESS = "[guess]\nmount = [60, -40, 110, 170, 10, 30]\ntarget = [900, 50, 300]\n"
