@@ -30,7 +30,7 @@ from profilecal.scan.tables import ScanError
 from profilecal.targets.observations import Observations
 
 # Fewer poses say too little of the robot's errors, and all but fit any target.
-FEWEST = 5
+FEWEST_POSES = 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -178,10 +178,10 @@ def with_scan_alone(found: Answer, scan: Scan, title: str) -> Verification:
     R, p = T[:3, :3], T[:3, 3]
     alone = calibrate(scan, guess=T, guess_sd=(np.inf, np.inf))  # a start, no more
     shown = len(alone.seen[0])
-    if shown < FEWEST:
+    if shown < FEWEST_POSES:
         raise ScanError(
-            f"{title}: shows the target from {shown} poses; expected {FEWEST} or more, "
-            "or check-mount, which does with fewer if the target stands as it did"
+            f"{title}: shows the target from {shown} poses; expected {FEWEST_POSES} or "
+            "more, or check-mount, which does with fewer if the target stands as it did"
         )
     solution, (used,) = alone.solution_or_none, alone.observed
     if solution:

@@ -58,12 +58,21 @@ def choose(
     if not any(candidates):
         counts = map(len, profiles)
         return [nothing(f"nothing like the target in {n} points") for n in counts]
+    is_open = [
+        len(own) > 1 and own[1].support > AMBIGUOUS * own[0].support
+        for own in candidates
+    ]
+    # where most leave the choice open, chance alone decides it in the others
+    mostly_open = 2 * sum(is_open) > sum(map(bool, candidates))
     chosen = []
-    for profile, own, reason in zip(profiles, candidates, reasons, strict=True):
+    for k, (profile, own) in enumerate(zip(profiles, candidates, strict=True)):
+        reason = reasons[k]
         if not len(profile):
             reason = "nothing in this profile"
-        elif len(own) > 1 and own[1].support > AMBIGUOUS * own[0].support:
+        elif is_open[k]:
             reason = f"{len(own)} candidates for the {shape}, none clearly the best"
+        elif own and mostly_open:
+            reason = f"most profiles have several candidates for the {shape}"
         elif own:
             chosen.append(own[0])
             continue

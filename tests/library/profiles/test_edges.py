@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from finding import features_of, normalised, shapes_found, share_found
 from numpy.random import default_rng
-from raw_profiles import scan, turned
+from raw_profiles import balls, scan, turned
 
 from profilecal.simulation.robot import Scanner
 from profilecal.simulation.spec import Spec, simulate_scan, truth_of
@@ -40,6 +40,14 @@ def test_where_both_ends_of_a_face_show_the_corner_tells_which_is_the_edge():
     rotation, origin = T_base_sensor[:, :3, :3], T_base_sensor[:, :3, 3]
     points = truth.target.meet(rotation, origin)[:, None]
     assert normalised(features, points)[0] < 2
+
+
+def test_where_most_profiles_have_several_corners_others_show_none():
+    """A ball passes for a polygon, of which now and then one corner stands out."""
+    features = features_of("edge", balls(default_rng(1), 40)[0])
+    assert share_found(features) == 0
+    others = "most profiles have several candidates for the corner"
+    assert 0 < [one.reason for one in features].count(others) < 20
 
 
 SLOPE = np.tan(np.radians(12.5))
