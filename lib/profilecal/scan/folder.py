@@ -14,6 +14,7 @@ from numpy import ndarray
 from profilecal.geometry.checks import REACH_MM
 from profilecal.geometry.poses import rotation_groups
 from profilecal.scan.conventions import (
+    CONVENTIONS,
     Convention,
     find_convention,
     from_rotations,
@@ -377,20 +378,25 @@ def tables_of(scan: Scan) -> dict[str, dict[str, Any]]:
     """The columns of a scan's tables, by their names."""
     still = ~scan.moving
     labels = np.where(still, scan.labels, "")
+    convention = named(scan.convention)
+    if scan.log and "t" in convention.columns:
+        convention = CONVENTIONS[0]  # the log's t is a time
     tables, keys = {}, {}
     if still.any():
         R, p = scan.R_base_flange[still], scan.p_base_flange[still]
-        poses = poses_columns(labels[still], R, p, scan.convention)
+        poses = poses_columns(labels[still], R, p, convention.name)
         if scan.orientation is not None:  # as read: another convention may be meant
-            angles = named(scan.convention).columns
-            poses |= zip(angles, scan.orientation.T, strict=True)
+            poses |= zip(convention.columns, scan.orientation.T, strict=True)
+        if np.isfinite(scan.times[still]).any():
+            # beside an angle t, the measurements say when they were taken
+            (keys if "t" in poses else poses)["t"] = scan.times
         if scan.group_given:
             poses["group"] = scan.group[still]
         if np.any(scan.side[still]):
             poses["side"] = scan.side[still].astype(int)
         tables["poses"], keys["pose"] = poses, labels
     if scan.log:
-        way = poses_columns((), scan.log.R, scan.log.p, scan.convention)
+        way = poses_columns((), scan.log.R, scan.log.p, convention.name)
         del way["pose"]
         tables["log"] = {"t": scan.log.t} | way
         keys |= {"sweep": np.array(scan.sweeps), "t": scan.times}

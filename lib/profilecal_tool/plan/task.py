@@ -150,11 +150,14 @@ def read_task(
     """
     if path.name == "scan.toml":
         path = path.parent
-    place, entries, spec = within or path, {}, None
-    if not place.is_dir():
+    is_scan = path.is_dir()
+    if within and not is_scan:
+        raise ScanError(f"{path} is no scan folder; expected one beside --within")
+    place, entries, spec = within if is_scan else path, {}, None
+    if place:
         entries = read_toml(place)
         spec = read_specification(entries, place)
-    if path.is_dir():
+    if is_scan:
         scan = read_scan(path)
         found = calibrate([scan])
         if back := way_back(found):

@@ -169,6 +169,23 @@ def test_poses_a_moment_apart_are_asked_about(table, seconds, asked, tmp_path):
     assert_array_equal(found.pose, without_times.pose)
 
 
+def test_a_log_has_times_though_the_robot_has_an_angle_t(tmp_path):
+    """The orientations become quaternions."""
+    scan = in_motion(motion=SWEEPS | {"stops": 2})
+    pc.write_scan(replace(scan, convention="Kawasaki angles"), tmp_path / "scan")
+    expected = replace(scan, convention="quaternion")
+    assert_same(pc.read_scan(tmp_path / "scan"), expected)
+
+
+@pytest.mark.parametrize("convention", ["quaternion", "Kawasaki angles"])
+def test_times_of_poses_at_rest_are_written(convention, tmp_path):
+    scan = scan_of("edge", seed=3)
+    times = 0.1 * np.arange(len(scan.labels))
+    timed = replace(scan, times=times, convention=convention)
+    pc.write_scan(timed, tmp_path / "scan")
+    assert_same(pc.read_scan(tmp_path / "scan"), timed)
+
+
 def test_an_angle_t_is_no_time(tmp_path):
     scan = scan_of("edge", seed=3)
     pc.write_scan(scan, tmp_path / "scan")

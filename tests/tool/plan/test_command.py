@@ -288,6 +288,17 @@ def test_the_true_mount_of_an_arm_lies_in_the_total_region_of_a_plan_too(
     assert square() < square(accuracy_mm=0.0, accuracy_deg=0.0)
 
 
+def test_only_after_a_scan_a_specification_says_where_the_robot_may_go(tmp_path):
+    spec = spec_in(tmp_path)
+    result = run("plan", spec, "--within", spec)
+    assert result.exit_code == 2
+    assert "spec.toml is no scan folder; expected one" in result.output
+    write_scan(simulate_scan(WEAK), tmp_path / "scan")
+    result = run("plan", tmp_path / "scan", "--within", tmp_path / "scan")
+    assert result.exit_code == 2
+    assert "scan: not a file" in result.output
+
+
 GUESS = "[guess]\nmount = [60, -40, 110, 170, 10, 30]\ntarget = [900, 50, 300]\n"
 
 
