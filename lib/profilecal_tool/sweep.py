@@ -17,7 +17,7 @@ from pathlib import Path
 import pandas as pd
 from tqdm import tqdm
 
-from profilecal.scan.tables import whole
+from profilecal.scan.tables import written_whole
 from profilecal.scan.toml import read_toml
 from profilecal_pages import notebooks
 from profilecal_pages.notebooks import recorded
@@ -139,11 +139,11 @@ def sweep(
                         "error": why or _clash(executed, runs[name]),
                         "duration_s": round(seconds, 3),
                     }
-                    with whole(folder / f"{name}.ipynb") as part:
+                    with written_whole(folder / f"{name}.ipynb") as part:
                         json_text = json.dumps(executed, indent=1, ensure_ascii=False)
                         part.write_text(json_text, encoding="utf-8")
         table, failed = _gather(runs, folder, versions)
-        with whole(output / "table.csv") as part:
+        with written_whole(output / "table.csv") as part:
             table.to_csv(part, index=False)
     return table, failed
 

@@ -75,11 +75,11 @@ def find_convention(columns: Iterable[str]) -> Convention:
 
 def named(name: str) -> Convention:
     """The convention of a name. Raises ScanError for one that there is not."""
-    for convention in CONVENTIONS:
-        if convention.name == name:
-            return convention
-    known = ", ".join(convention.name for convention in CONVENTIONS)
-    raise ScanError(f"convention is {name!r}; expected one of {known}")
+    known = {convention.name: convention for convention in CONVENTIONS}
+    if name not in known:
+        expected = ", ".join(known)
+        raise ScanError(f"convention is {name!r}; expected one of {expected}")
+    return known[name]
 
 
 def pose_matrices(
@@ -124,7 +124,7 @@ def pose_matrices(
            [  0.,   0.,   0.,   1.]])
     """
     chosen = named(convention)
-    with naming(Path("pose_matrices")):
+    with naming("pose_matrices"):
         T = check_array("positions", positions, (None, 3))
         shape = (len(T), len(chosen.columns))
         block = check_array("orientations", orientations, shape)
@@ -146,7 +146,7 @@ def to_rotations(
     length = np.linalg.norm(block, axis=1)
     if convention.sequence:
         largest = np.abs(block).max(axis=1)
-        sentence = "angle of {:.6g}; expected degrees, at most 720"
+        sentence = f"angle of {{:.6g}}; expected degrees, at most {LARGEST_ANGLE_DEG:g}"
         rows.refuse(largest > LARGEST_ANGLE_DEG, sentence, largest)
         rotation = Rotation.from_euler(convention.sequence, block, degrees=True)
     elif convention.name == "quaternion":

@@ -4,7 +4,7 @@ written. Lengths become mm.
 Each file says some of the entries that a `Scan` is made of.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +22,12 @@ from profilecal.scan.conventions import (
     pose_matrices,
     to_rotations,
 )
-from profilecal.scan.motion import checked_log, moment_label
+from profilecal.scan.motion import DELAY_MS, checked_log, moment_label
 from profilecal.scan.scan import (
+    ENTRY_RULES,
     FARTHEST_MM,
     GUESS_SD,
     MEASURED,
-    SAID,
     Scan,
     length_rules,
 )
@@ -43,6 +43,7 @@ from profilecal.scan.tables import (
     write_table,
 )
 from profilecal.scan.toml import (
+    TABLE,
     check_entries,
     number,
     numbers,
@@ -54,12 +55,12 @@ from profilecal.scan.toml import (
 SCALE = {"mm": 1.0, "m": 1000.0}
 SPREADSHEET = 1_000_000  # rows that people can look at: more become arrays
 HEADER: dict[str, Any] = {
-    "title": SAID["title"],
+    "title": ENTRY_RULES["title"],
     "units": one_of(SCALE),
-    "mount": SAID["mount"],
-    "target": dict,
-    "noise": SAID["noise"],
-    "motion": {"delay_ms": number(-200, 200)},
+    "mount": ENTRY_RULES["mount"],
+    "target": TABLE,
+    "noise": ENTRY_RULES["noise"],
+    "motion": {"delay_ms": DELAY_MS},
     # where the sensor is: X Y Z mm, W P R degrees, R = Rz(R) Ry(P) Rx(W)
     "guess": {
         "mount": numbers(6),
@@ -119,20 +120,15 @@ def read_scan(folder: str | Path) -> Scan:
     header, scale = read_header(folder / "scan.toml")
     log = folder / "log.csv"
     moving = is_file(log)
-    poses = NO_POSES
+    at_rest = NO_POSES
     if not moving or is_file(folder / "poses.csv"):
-        poses = read_poses(folder / "poses.csv", scale, header["side"])
-    labels, side = poses["labels"], header["side"]
-    at_rest = poses.get("times", np.full(len(labels), np.nan))
-    seen = {label: (k, "", at_rest[k]) for k, label in enumerate(labels)}
-    measured, values = read_measurements(folder, seen, scale, moving)
-    _, sweeps, times = zip(*seen.values(), strict=True)
-    entries = header | poses | {"times": np.array(times)}
+        at_rest = read_poses(folder / "poses.csv", scale, header["side"])
+    entries = header | at_rest | read_measurements(folder, at_rest, scale, moving)
     if moving:
-        in_motion = np.full(len(seen) - len(labels), side)
-        sides = np.append(poses["side"], in_motion)
-        entries |= read_log(log, scale) | {"sweeps": sweeps, "side": sides}
-    return scan_of(folder, entries | {"measured": measured, "values": values})
+        sides = np.full(len(entries["times"]), header["side"])
+        sides[: len(at_rest["side"])] = at_rest["side"]
+        entries |= read_log(log, scale) | {"side": sides}
+    return scan_of(folder, entries)
 
 
 def scan_of(folder: Path, entries: dict[str, Any]) -> Scan:
@@ -161,7 +157,7 @@ def check_header(path: Path, said: dict[str, Any]) -> tuple[dict[str, Any], floa
     check_entries(path, said, HEADER)
     target, guess = ({} | said.get(name, {}) for name in ("target", "guess"))
     kind, scale = target.pop("kind", None), SCALE[said.get("units", "mm")]
-    check_entries(path, {"kind": kind}, SAID, "target")
+    check_entries(path, {"kind": kind}, ENTRY_RULES, "target")
     lengths = length_rules(kind, scale)
     of_target = {"side": one_of((1, -1))} | lengths
     check_entries(path, target, of_target, "target", needed=lengths)
@@ -221,9 +217,8 @@ def check_poses(table: Table, scale: float, side: float = 0.0) -> dict[str, Any]
     given = bool(groups.any())
     blank = given & (groups == "")
     table.refuse(blank, "no group; expected one for each pose, or for none")
-    times = table.times()
-    if "t" in convention.columns:  # an angle
-        times = np.full(len(labels), np.nan)
+    # beside a time, t may be an angle
+    is_time = "t" not in convention.columns
     return {
         "labels": tuple(labels),
         "R_base_flange": rotations,
@@ -233,7 +228,7 @@ def check_poses(table: Table, scale: float, side: float = 0.0) -> dict[str, Any]
         "group_given": given,
         "convention": convention.name,
         "orientation": block,
-        "times": times,
+        "times": np.where(is_time, table.times(), np.nan),
     }
 
 
@@ -262,10 +257,10 @@ def poses_in(
 
 
 def read_measurements(
-    folder: Path, seen: dict[str, tuple[int, str, float]], scale: float, moving: bool
-) -> tuple[str, tuple[ndarray, ...]]:
-    """What the scanner saw: which of the four tables there is, and its rows in mm by
-    pose. `seen`: of each label its number, sweep and time; those in motion are added.
+    folder: Path, at_rest: dict[str, Any], scale: float, moving: bool
+) -> dict[str, Any]:
+    """What the scanner saw, in mm, by pose: entries of a Scan. The poses `at_rest`, as
+    `read_poses` has them, come first; then what was seen in motion. Raises ScanError.
     """
     ways = (folder / f"{name}{kind}" for name in MEASURED for kind in (".csv", ".npz"))
     paths = [path for path in ways if is_file(path)]
@@ -275,10 +270,20 @@ def read_measurements(
         raise ScanError(f"{folder}: expected one of {names}; found {found}")
     (path,) = paths
     columns = MEASURED[path.stem]
+    of_poses = zip(at_rest["labels"], at_rest.get("times", ()), strict=True)
+    # of each label its number, sweep and time; beside a log, poses at rest have none
+    seen = {
+        label: (k, "", np.nan if moving else t) for k, (label, t) in enumerate(of_poses)
+    }
     keys = ["pose"] * bool(seen or not moving) + ["sweep", "t"] * moving
     parts = []
     for table in read_parts(path, (*keys, *columns)):
-        labels = moments(table, seen) if moving else table.labels()
+        if moving:
+            labels, others = moments(table)
+            for label, moment in others.items():
+                seen.setdefault(label, (len(seen), *moment))
+        else:
+            labels = table.labels()
         pose = np.array([seen.get(label, (-1,))[0] for label in labels])
         table.refuse(pose < 0, "pose {} is not in poses", labels)
         if not moving and "t" in table.columns:
@@ -287,14 +292,22 @@ def read_measurements(
         numbers = table.numbers(columns, blank=True, largest=FARTHEST_MM / scale)
         parts.append((pose, numbers * scale))
     pose, numbers = map(np.concatenate, zip(*parts, strict=True))
+    # the rows of each pose together, in the order of the file
+    rows = numbers[np.argsort(pose, kind="stable")]
     ends = np.cumsum(np.bincount(pose, minlength=len(seen)))
-    return path.stem, tuple(
-        np.split(numbers[np.argsort(pose, kind="stable")], ends[:-1])
-    )
+    _, sweeps, times = zip(*seen.values(), strict=True)
+    return {
+        "measured": path.stem,
+        "values": tuple(np.split(rows, ends[:-1])),
+        "times": np.array(times),
+        "sweeps": sweeps,
+    }
 
 
-def moments(table: Table, seen: dict[str, tuple[int, str, float]]) -> ndarray:
-    """Labels (rows,): of a pose, or of a sweep and time, which `seen` gets to know."""
+def moments(table: Table) -> tuple[ndarray, dict[str, tuple[str, float]]]:
+    """Labels (rows,) of poses, and of what was seen in motion; of each of the latter
+    its sweep and time.
+    """
     labels, sweeps = table.text("pose"), table.text("sweep")
     times = table.numbers(("t",), blank=True)[:, 0]
     is_moving = np.isfinite(times) & (sweeps != "")
@@ -305,11 +318,12 @@ def moments(table: Table, seen: dict[str, tuple[int, str, float]]) -> ndarray:
         sweeps,
         times,
     )
+    others = {}
     for row in np.flatnonzero(is_moving):
-        sweep, t = sweeps[row], float(times[row])
-        labels[row] = moment_label(sweep, t)
-        seen.setdefault(labels[row], (len(seen), sweep, t))
-    return labels
+        moment = sweeps[row], float(times[row])
+        labels[row] = moment_label(*moment)
+        others[labels[row]] = moment
+    return labels, others
 
 
 def poses_columns(
@@ -343,7 +357,8 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
     read_scan : the way back, with an example.
     """
     with new_folder(Path(folder)) as partial:
-        for name, entries in {"scan": header_of(scan), "truth": scan.truth}.items():
+        header = header_of(scan, scan.title, scan.noise) | known_of(scan)
+        for name, entries in {"scan": header, "truth": scan.truth}.items():
             if entries:
                 text = toml_text(entries)
                 (partial / f"{name}.toml").write_text(text, encoding="utf-8")
@@ -355,23 +370,28 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
                 write_table(partial / f"{name}.csv", columns)
 
 
-def header_of(scan: Scan) -> dict[str, Any]:
-    """What scan.toml says of a scan."""
-    header: dict[str, Any] = {
-        "title": scan.title,
+def header_of(source: Any, title: str, noise: Mapping) -> dict[str, Any]:
+    """What scan.toml says of any scan, or of one that a specification describes."""
+    return {
+        "title": title,
         "units": "mm",
-        "mount": scan.mount,
-        "target": {"kind": scan.kind} | scan.measures,
-        "noise": dict(scan.noise),
+        "mount": source.mount,
+        "target": {"kind": source.kind} | source.measures,
+        "noise": dict(noise),
     }
+
+
+def known_of(scan: Scan) -> dict[str, Any]:
+    """What scan.toml says besides, of a scan whose delay or mount is known."""
+    known = {}
     if scan.delay_ms is not None:
-        header["motion"] = {"delay_ms": scan.delay_ms}
+        known["motion"] = {"delay_ms": scan.delay_ms}
     if scan.guess is not None:
         R, p = scan.guess[None, :3, :3], scan.guess[:3, 3]
         mount = [*p.tolist(), *from_rotations(named("FANUC angles"), R)[0].tolist()]
         sd_mm, sd_deg = scan.guess_sd
-        header["guess"] = {"mount": mount, "sd_mm": sd_mm, "sd_deg": sd_deg}
-    return header
+        known["guess"] = {"mount": mount, "sd_mm": sd_mm, "sd_deg": sd_deg}
+    return known
 
 
 def tables_of(scan: Scan) -> dict[str, dict[str, Any]]:

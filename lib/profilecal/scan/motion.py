@@ -10,7 +10,9 @@ from numpy.typing import ArrayLike
 
 from profilecal.geometry.checks import check_array, check_positions, check_rotations
 from profilecal.geometry.log import DELAY_S, Log
+from profilecal.scan.toml import number
 
+DELAY_MS = number(-1e3 * DELAY_S, 1e3 * DELAY_S)  # what a delay may be
 SPEEDS = 1.0, 10_000.0  # mm/s, between which the fastest motion of a robot is
 
 
@@ -50,7 +52,7 @@ def check_times(log: Log, times: ndarray, labels: Sequence[str]) -> None:
         raise ValueError(
             f"profile {labels[worst]} is {away[worst]:.3g} s from the nearest row of "
             f"the log, which goes from {log.t[0]:g} to {log.t[-1]:g} s; expected times "
-            "by clocks that agree within 0.2 s: subtract what they differ by"
+            f"by clocks that agree within {DELAY_S:g} s: subtract what they differ by"
         )
 
 

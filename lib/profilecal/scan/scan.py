@@ -30,7 +30,7 @@ from profilecal.geometry.poses import (
 from profilecal.scan.conventions import CONVENTIONS, named, to_rotations
 from profilecal.scan.motion import check_times, checked_log, moment_label, spread
 from profilecal.scan.tables import ScanError, naming
-from profilecal.scan.toml import Rule, check_entries, entries_of, number, one_of
+from profilecal.scan.toml import TEXT, Rule, check_entries, entries_of, number, one_of
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
 
@@ -41,10 +41,10 @@ MEASURED = {  # what a scan may hold, and its columns
     "arcs": ("x", "z", "r"),
 }
 MOUNTS = ("eye-in-hand", "eye-to-hand")
-SAID: dict[str, Any] = {
+ENTRY_RULES: dict[str, Any] = {
     "kind": one_of(TARGETS),
     "mount": one_of(MOUNTS),
-    "title": str,
+    "title": TEXT,
     "noise": entries_of(Noise) | entries_of(Systematic),
 }
 # from the scanner; no profile scanner sees as far, and some print such numbers for no
@@ -208,7 +208,7 @@ class Scan:
         >>> scan.p_base_flange[1].round(3)
         array([400.,  22., 300.])
         """
-        check_entries("Scan", {"kind": kind}, SAID)
+        check_entries("Scan", {"kind": kind}, ENTRY_RULES)
         known = length_rules(kind)
         for name in lengths.keys() - known:
             alike = get_close_matches(name, [*signature(cls.of).parameters, *known])
@@ -261,16 +261,20 @@ class Scan:
         )
 
     def __post_init__(self) -> None:
-        check_entries("Scan", {name: getattr(self, name) for name in SAID}, SAID)
+        check_entries(
+            "Scan", {name: getattr(self, name) for name in ENTRY_RULES}, ENTRY_RULES
+        )
         count = len(self.target.lengths)
         if len(self.sizes) != count or not all(size > 0 for size in self.sizes):
             raise ScanError(f"sizes is {self.sizes}; expected {count} lengths in mm")
-        self._check_measured()
         with naming("Scan"):
-            self._check_poses()
+            self._complete()
+            self._check_measured()
 
     def _check_measured(self) -> None:
-        """Refuse measurements that do not fit the target, or that are not in mm."""
+        """Refuse measurements that do not fit the target, or that are not in mm; a
+        profile of one point, and a pose with two points, chords or arcs.
+        """
         expected = self.target.tables
         if self.measured not in expected:
             raise ScanError(
@@ -278,12 +282,6 @@ class Scan:
                 f"not {self.measured}"
             )
         columns = len(MEASURED[self.measured])
-        for k, rows in enumerate(self.values):
-            if rows.shape != (len(rows), columns):
-                raise ScanError(
-                    f"values[{k}] has shape {rows.shape} for {self.measured}; "
-                    f"expected (n, {columns})"
-                )
         every = np.concatenate([np.empty((0, columns)), *self.values])
         largest = np.nanmax(np.abs(every), initial=0.0)
         if 0 < largest < 1 or largest > FARTHEST_MM:
@@ -291,9 +289,22 @@ class Scan:
                 f"the largest value of {self.measured} is {largest:.3g}; "
                 f"expected 1 to {FARTHEST_MM:g} mm: are the units right?"
             )
+        counts = np.array([*map(len, self.values)])
+        wrong, expected = counts > 1, "one"
+        if self.measured == "profiles":
+            wrong = counts == 1
+            expected = "more, or none where nothing was seen (single ones are points)"
+        if wrong.any():
+            k = int(wrong.argmax())
+            found = f"pose {self.labels[k]!r} has {counts[k]} rows of {self.measured}"
+            raise ValueError(f"{found}; expected {expected}")
 
-    def _check_poses(self) -> None:
-        """Refuse poses that are none; fill in what is left out of them."""
+    def _complete(self) -> None:
+        """Refuse poses that are none, and put all that is of poses in its final form.
+
+        In motion the log gives the poses, and sweeps the groups: orientations as they
+        were read and whether groups were stated are dropped.
+        """
         P = len(self.values)
         times = self.times if np.size(self.times) else np.full(P, np.nan)
         times = check_array("times", times, (P,), finite=False)
@@ -306,10 +317,10 @@ class Scan:
         p = check_positions("p_base_flange", p, P)
         if len(labels) != P:
             raise ValueError(f"labels has {len(labels)} entries for {P} poses")
-        label, count = Counter(labels).most_common(1)[0] if P else ("", 1)
-        if count > 1:
-            raise ValueError(f"labels has {label!r} {count} times; expected it once")
-        self._check_counts(labels)
+        for label, count in Counter(labels).items():
+            if count > 1:
+                found = f"labels has {label!r} {count} times"
+                raise ValueError(f"{found}; expected it once")
         group = np.asarray(group)
         if not group.size:
             group = rotation_groups(R)
@@ -322,11 +333,11 @@ class Scan:
             raise ValueError(f"side is {self.side}; expected 1, -1 or 0, for each pose")
         self._fill(
             labels=tuple(labels),
-            R_base_flange=kept(R),
-            p_base_flange=kept(p),
-            values=tuple(map(kept, self.values)),
+            R_base_flange=read_only(R),
+            p_base_flange=read_only(p),
+            values=tuple(map(read_only, self.values)),
             group=np.unique(group, return_inverse=True)[1],
-            times=kept(times),
+            times=read_only(times),
             sweeps=self.sweeps or ("",) * P,
             side=np.broadcast_to(side, P).astype(float),
             noise={name: float(value) for name, value in self.noise.items()},
@@ -335,8 +346,10 @@ class Scan:
     def _with_motion(
         self, log: Log, times: ndarray, labels: Any, R: Any, p: Any, group: Any
     ) -> tuple[ndarray, ...]:
-        """Labels and poses of all by the log, of those at rest or of all; profiles of
-        one sweep are a group. Raises ValueError.
+        """Labels, poses and groups of all, those in motion by the log and by sweep.
+
+        What is given is of those at rest; or of all, where `replace` makes a scan of
+        one that is complete. Raises ValueError.
         """
         P = len(times)
         if len(self.sweeps) != P:
@@ -362,36 +375,21 @@ class Scan:
         group[moving] = group[rest].max(initial=-1) + 1 + numbers
         return labels, R, p, group
 
-    def _check_counts(self, labels: Sequence[str]) -> None:
-        """Refuse a profile of one point, and a pose with two points, chords or arcs."""
-        counts = np.array([*map(len, self.values)])
-        if self.measured == "profiles":
-            wrong = counts == 1
-            expected = "more, or none where nothing was seen (single ones are points)"
-        else:
-            wrong = counts > 1
-            expected = "one"
-        if wrong.any():
-            k = int(wrong.argmax())
-            found = f"pose {labels[k]!r} has {counts[k]} rows of {self.measured}"
-            raise ValueError(f"{found}; expected {expected}")
-
     def _fill(self, **entries: Any) -> None:
         """Put entries in their final form while the scan is being made."""
         for name, value in entries.items():
             object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
-        moving = self.moving
-        of_rest = len({*self.group[~moving]})
-        of_sweeps = len({*self.group[moving]})
         parts = []
-        if of_rest or not of_sweeps:
-            orientations = f"{of_rest} orientation{'s' * (of_rest != 1)}"
-            parts.append(f"{np.count_nonzero(~moving)} poses of {orientations}")
-        if of_sweeps:
-            sweeps = f"{of_sweeps} sweep{'s' * (of_sweeps != 1)}"
-            parts.append(f"{np.count_nonzero(moving)} profiles in {sweeps}")
+        for chosen, words in (
+            (~self.moving, "poses of {} orientation"),
+            (self.moving, "profiles in {} sweep"),
+        ):
+            groups = len({*self.group[chosen]})
+            if groups:
+                found = f"{np.count_nonzero(chosen)} {words.format(groups)}"
+                parts.append(found + "s" * (groups != 1))
         what = ", ".join([self.description, *parts, self.measured, self.mount])
         return f"Scan({what})"
 
@@ -437,7 +435,7 @@ class Scan:
         return inverse(R, p) if self.mount == "eye-to-hand" else (R, p)
 
 
-def kept(values: ndarray) -> ndarray:
+def read_only(values: ndarray) -> ndarray:
     """A copy that nobody changes."""
     copy = np.array(values)
     copy.setflags(write=False)

@@ -7,7 +7,7 @@ import shutil
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from io import BytesIO, TextIOWrapper
 from itertools import chain, islice
 from pathlib import Path
@@ -21,8 +21,7 @@ from profilecal.geometry.progress import watched
 
 LARGEST_MB = 400  # of a text file: more a usual computer does not hold
 TEXTS = "pose", "sweep"  # columns of names
-Row = tuple[int, list[str]]  # a line's number and fields
-Rows = list[Row]
+Rows = list[tuple[int, list[str]]]  # each line's number and fields
 # cells of points that were not seen
 NOTHING = {"", ".", "na", "n/a", "#n/a", "null", "none"}
 NOTHING |= {"nan", ".nan", "nan(ind)", "1.#qnan", "invalid", "n.a.", "#nv"}
@@ -97,7 +96,7 @@ def is_file(path: Path) -> bool:
 
 
 @contextmanager
-def whole(path: Path) -> Iterator[Path]:
+def written_whole(path: Path) -> Iterator[Path]:
     """A place beside `path` for a file or a folder, which then appears at `path` whole,
     or after an error not at all.
     """
@@ -118,14 +117,14 @@ def new_folder(path: Path) -> Iterator[Path]:
     """
     if path.exists() and (path.samefile(".") or any(path.iterdir())):
         raise ScanError(f"{path}: already in use; name a new folder")
-    with whole(path) as partial:
+    with written_whole(path) as partial:
         with naming(path):
             partial.mkdir(parents=True)
         yield partial
 
 
 def partial_of(path: Path) -> Path:
-    """Where `whole` has a file while it is being written."""
+    """Where `written_whole` has a file while it is being written."""
     return path.parent / f".{path.name}.partial"
 
 
@@ -155,7 +154,7 @@ def listed(names: Iterable[Any]) -> str:
     return shown(text) if len(text) > 500 or not text.isprintable() else text
 
 
-def number(cell: str) -> float:
+def cell_number(cell: str) -> float:
     """What a cell says: NaN for nothing, infinity for a word."""
     try:
         return float(cell)
@@ -172,8 +171,6 @@ class Table:
     columns: dict[str, Sequence]  # text, or numbers
     lines: Sequence | ndarray  # numbers or names of the rows
     counted: str = "line"  # what `lines` counts; "row" where a file has no lines
-    # that titles say, "" where they say none
-    units: dict[str, str] = field(default_factory=dict)
 
     def refuse(
         self, bad: ArrayLike, sentence: str, *values: Sequence | ndarray
@@ -202,7 +199,7 @@ class Table:
 
     def times(self) -> ndarray:
         """The column `t` (rows,), s; NaN where there is none, or no number."""
-        times = np.array([*map(number, self.text("t"))])
+        times = np.array([*map(cell_number, self.text("t"))])
         return np.where(np.isfinite(times), times, np.nan)
 
     def numbers(
@@ -222,7 +219,7 @@ class Table:
         try:
             values = np.array(cells, dtype=float)
         except ValueError:
-            values = np.array([number(cell) for cell in cells])
+            values = np.array([cell_number(cell) for cell in cells])
         if not blank:
             empty = np.isnan(values)
             self.refuse(empty, f"{title} is empty or NaN; expected a finite number")
@@ -274,7 +271,7 @@ def parts_of_text(
         others = iter(lambda: [*islice(rows, most)], [])
         count = content.count(b"\n") // (most or len(content)) + 1
         for part in watched(chain([first], others), f"reading {path.name}", count):
-            yield in_columns(path, dict.fromkeys(names, ""), part)
+            yield in_columns(path, names, part)
     except csv.Error as error:
         place = f"{path} line {reader.line_num}"
         raise ScanError(f"{place}: cannot be read: {error}") from error
@@ -320,19 +317,19 @@ def check_columns(
             raise ScanError(f"{path}: {found}; {known}")
 
 
-def in_columns(path: Path, units: dict[str, str], rows: Rows) -> Table:
-    """The table of rows under names with units.
+def in_columns(path: Path, names: Sequence[str], rows: Rows) -> Table:
+    """The table of rows under names.
 
     Raises ScanError for a row that is shorter or longer.
     """
     lines, fields_by_row = zip(*rows, strict=True)
     counts = np.array([*map(len, fields_by_row)])
-    found = f"{{}} fields; expected {len(units)}: is the file cut short? "
+    found = f"{{}} fields; expected {len(names)}: is the file cut short? "
     hint = "Are there decimal commas, or rows of a matrix?"
-    Table(path, {}, lines).refuse(counts != len(units), found + hint, counts)
+    Table(path, {}, lines).refuse(counts != len(names), found + hint, counts)
     cells = zip(*fields_by_row, strict=True)
-    columns: dict[str, Sequence] = dict(zip(units, cells, strict=True))
-    return Table(path, columns, lines, units=units)
+    columns: dict[str, Sequence] = dict(zip(names, cells, strict=True))
+    return Table(path, columns, lines)
 
 
 def write_table(path: Path, columns: Mapping[str, Sequence]) -> None:

@@ -18,7 +18,7 @@ needed; one annotated with a dataclass is a table of its own.
 import json
 import tomllib
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Annotated, Any
@@ -62,7 +62,7 @@ def numbers(count: int) -> Rule:
 
 
 def one_of(choices: Collection[Any]) -> Rule:
-    """One of these, or of those that have joined them since."""
+    """One of these; `TARGETS` may grow after it was made."""
 
     def allowed(value: Any) -> bool:
         return not isinstance(value, bool) and value in [*choices]
@@ -73,18 +73,20 @@ def one_of(choices: Collection[Any]) -> Rule:
 TABLE: Rule = (lambda value: isinstance(value, Mapping), "a table")
 TEXT: Rule = (is_line, "one line of text")
 Count = Annotated[int, whole(1, 10_000)]
-# of fields that are not annotated
+# of fields that are annotated with a type alone
 USUAL = {dict: TABLE, str: TEXT, int: whole(0, 10_000), float: number()}
 
 
 def entries_of(table: Any) -> dict[str, Any]:
-    """What the entries of a table may be, by name: a `Rule`, one of `USUAL` types, or
-    the dataclass that describes a table of its own.
+    """What the entries of a table may be, by name: a `Rule`, or the dataclass that
+    describes a table of its own.
     """
-    return {
+    kinds = {
+        # what `Annotated` adds to a type, or the type
         entry.name: getattr(entry.type, "__metadata__", (entry.type,))[0]
         for entry in fields(table)
     }
+    return {name: USUAL.get(kind, kind) for name, kind in kinds.items()}
 
 
 def check_entries(
@@ -97,15 +99,15 @@ def check_entries(
     """Refuse entries of a file, or of a table in it, that are unknown or not allowed,
     and a file without those `needed`.
 
-    The table is `described` by a dataclass, or by what `entries_of` makes of one, with
-    tables in place of dataclasses or not. Raises ScanError.
+    The table is `described` by a dataclass, or by a dictionary as `entries_of` makes of
+    one, in which a table of its own may be another dictionary. Raises ScanError.
     """
     where = f" in [{table}]" if table else ""
     if is_dataclass(described):
-        without = [
-            one for one in fields(described) if one.default is one.default_factory
+        every = fields(described)
+        needed = [
+            one.name for one in every if one.default is one.default_factory is MISSING
         ]
-        needed = [one.name for one in without]
         described = entries_of(described)
     for name in needed:
         if name not in entries:
@@ -117,12 +119,12 @@ def check_entries(
             unknown = f"unknown entry {shown(name)}{where}"
             raise ScanError(f"{path}: {unknown}; there are {known}")
         rule = described[name]
-        inner = isinstance(rule, dict) or is_dataclass(rule)
-        allowed, expected = TABLE if inner else USUAL.get(rule, rule)
+        is_table = not isinstance(rule, tuple)
+        allowed, expected = TABLE if is_table else rule
         if not allowed(value):
             said = f"{name} is {shown(value)}{where}"
             raise ScanError(f"{path}: {said}; expected {expected}")
-        if inner:
+        if is_table:
             check_entries(path, value, rule, name)
 
 

@@ -12,7 +12,7 @@ from numpy.random import Generator
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import Frames, inverse, rotations
-from profilecal.scan.motion import checked_log
+from profilecal.scan.motion import DELAY_MS, checked_log
 from profilecal.scan.toml import Count, number, one_of
 from profilecal.simulation.scene import STANDOFF, Setup, in_unit_ball
 
@@ -34,7 +34,7 @@ class Motion:
     stops: int = 0  # poses at rest besides
     log_hz: Annotated[float, number(2, 1000)] = 100.0
     # the robot's clock less the scanner's
-    delay_ms: Annotated[float, number(-200, 200)] = 30.0
+    delay_ms: Annotated[float, DELAY_MS] = 30.0
     # by which the scanner's clock is too slow
     drift_ppm: Annotated[float, number(-1000, 1000)] = 0.0
     lag_ms: float = 0.0  # by which the flange is behind the log

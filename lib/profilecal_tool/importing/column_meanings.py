@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from profilecal.scan.tables import number
+from profilecal.scan.tables import cell_number
 from profilecal_tool.importing.makers import (
     ROLE_OF_TITLE,
     ROLES_OF_LIST,
@@ -36,7 +36,7 @@ class Column(NamedTuple):
 def meaning_of_title(at: int, title: str) -> Column:
     """What a title says by itself."""
     text, unit = title.strip().lower(), ""
-    if abs(number(text)) < float("inf"):
+    if abs(cell_number(text)) < float("inf"):
         return Column(at, text, "", "", "")
     if match := IN_BRACKETS.fullmatch(text) or BEHIND.fullmatch(text):
         text, unit = match.groups()
@@ -51,7 +51,9 @@ def meaning_of_title(at: int, title: str) -> Column:
 def columns_of(block: Block) -> list[Column]:
     """What the columns of a block are."""
     columns = [meaning_of_title(at, title) for at, title in enumerate(block.titles)]
-    places = [column for column in columns if abs(number(column.name)) < float("inf")]
+    places = [
+        column for column in columns if abs(cell_number(column.name)) < float("inf")
+    ]
     if len(places) > (MOST if block.is_bare else FEWEST - 1):
         for column in places:  # z where they stand along x
             columns[column.at] = column._replace(role="z")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.calibration.doubts import A_MOMENT_S
-from profilecal.scan.tables import ScanError, listed, number
+from profilecal.scan.tables import ScanError, cell_number, listed
 from profilecal_tool.importing.column_meanings import columns_of
 from profilecal_tool.importing.questions import Question
 from profilecal_tool.importing.robot_poses import Poses
@@ -183,7 +183,7 @@ def time_said(text: str) -> float:
             return np.nan
         return at + float(f"0.{part or 0}")
     match = SECONDS.search(text)
-    value = float(match[0]) if match else number(text)
+    value = float(match[0]) if match else cell_number(text)
     while 1e11 < value < np.inf:  # in ms, or less
         value /= 1000
     return value

@@ -10,6 +10,7 @@ from profilecal.scan.folder import read_header, write_scan
 from profilecal.scan.scan import MOUNTS, Scan
 from profilecal.scan.tables import ScanError, listed, new_folder, remove
 from profilecal.scan.toml import (
+    TEXT,
     check_entries,
     entries_of,
     number,
@@ -88,8 +89,8 @@ def read_answers(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
     entries = read_toml(path)
-    lengths = dict.fromkeys(SIZES, float)
-    check_entries(path, entries, entries_of(Layout) | {"target": str} | lengths)
+    lengths = dict.fromkeys(SIZES, number())
+    check_entries(path, entries, entries_of(Layout) | {"target": TEXT} | lengths)
     return entries
 
 

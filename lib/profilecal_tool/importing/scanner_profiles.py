@@ -11,7 +11,7 @@ from numpy import ndarray
 from pandas import DataFrame, Series
 
 from profilecal.scan.scan import FARTHEST_MM
-from profilecal.scan.tables import ScanError, listed, number
+from profilecal.scan.tables import ScanError, cell_number, listed
 from profilecal_tool.importing.column_meanings import (
     FEWEST,
     KEYS,
@@ -103,7 +103,7 @@ def points_from_rows(block: Block, layout: Layout) -> Block:
     if len(z) < FEWEST:
         return block
     heights = numbers_in(block, z)
-    titles = np.array([number(column.name) for column in z])
+    titles = np.array([cell_number(column.name) for column in z])
     if axis:  # rows of x and of z, as Gocators have
         is_x = (block.table.iloc[:, axis[0].at].str.lower() == "x").to_numpy()
         places, heights = heights[is_x], heights[~is_x]

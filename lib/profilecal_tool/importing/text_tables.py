@@ -12,7 +12,7 @@ from numpy import ndarray
 from pandas import DataFrame
 
 from profilecal.geometry.progress import watched
-from profilecal.scan.tables import NOTHING, ScanError, Table, number
+from profilecal.scan.tables import NOTHING, ScanError, Table, cell_number
 
 MARKS = b"#% "  # before titles
 BEGIN = 100_000  # characters that tell what a table is like
@@ -150,7 +150,7 @@ def first_cells(content: bytes, between: bytes | None) -> list[list[str]]:
 def row_where_numbers_begin(rows: Sequence[Sequence[str]], decimal: str) -> int | None:
     """Where numbers begin: half of a row's cells are, and none stands below a word."""
     cells = DataFrame(rows)
-    values = cells.map(lambda cell: number(cell.replace(decimal, ".")))
+    values = cells.map(lambda cell: cell_number(cell.replace(decimal, ".")))
     words = values.abs() == float("inf")
     filled = (cells != "").sum(axis=1)
     has_numbers = 2 * words.sum(axis=1) < filled + (filled > 3)

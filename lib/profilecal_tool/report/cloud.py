@@ -11,7 +11,7 @@ from numpy import ndarray
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.geometry.poses import in_base
-from profilecal.scan.tables import whole
+from profilecal.scan.tables import written_whole
 from profilecal_pages.figures import use_style
 from profilecal_tool.report.pictures import WIDTH, in_frame
 
@@ -98,7 +98,7 @@ def write_cloud(calibration: Calibration, T: ndarray, path: Path) -> None:
     file, or as a picture where the name ends in .png.
     """
     clouds = clouds_of(calibration, T)
-    with whole(path) as partial:
+    with written_whole(path) as partial:
         if path.suffix.lower() == ".png":
             use_style()
             figure = plot_cloud(clouds[0], calibration.scans[0].description)

@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from profilecal.scan.tables import partial_of, remove, whole
+from profilecal.scan.tables import partial_of, remove, written_whole
 from profilecal_pages import notebooks
 
 NOTEBOOK = "60_calibrate_your_scanner.ipynb"
@@ -67,7 +67,7 @@ def write_report(folders: Sequence[Path], path: Path, **parameters: object) -> N
         bar = {"desc": "report", "disable": None, "leave": False}
         notebooks.run(source, executed, parameters, source.parent, progress=bar)
         page = to_page(executed, title)
-    with whole(path) as partial:
+    with written_whole(path) as partial:
         partial.write_text(page, encoding="utf-8")
 
 
