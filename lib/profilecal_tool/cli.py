@@ -371,10 +371,8 @@ def simulate(spec, folder, scan):
     Its truth is in truth.toml.
     """
     from profilecal.scan.toml import read_toml
-    from profilecal_tool.plan.specification import (
-        read_specification,
-        simulate_specification,
-    )
+    from profilecal_tool.plan.simulation import simulate_specification
+    from profilecal_tool.plan.specification import read_specification
 
     entries = read_toml(spec) | ({"scan": scan} if scan else {})
     pc.write_scan(simulate_specification(read_specification(entries, spec)), folder)

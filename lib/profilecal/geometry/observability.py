@@ -11,7 +11,7 @@ parameters one unit, so that millimetres and degrees compare, and it says what
 - ok otherwise.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,15 +108,18 @@ def name_axis(vector: ArrayLike, frame: str) -> str:
 
 
 def name_direction(
-    direction: ArrayLike, R_sensor: ndarray, frame: str = "flange"
+    direction: ArrayLike,
+    R_sensor: ndarray,
+    frame: str = "flange",
+    name: Callable[[ndarray, str], str] = name_axis,
 ) -> str:
     """A direction (6,) of the sensor pose in units of the measurement by hand, in the
-    frame that the pose is in.
+    frame that the pose is in, each part by a `name`.
     """
     words = "translation along", "rotation about"
     vectors = np.reshape(direction, (2, 3))
     return " with ".join(
-        f"{words[k]} {name_axis(R_sensor @ vectors[k], frame)}"
+        f"{words[k]} {name(R_sensor @ vectors[k], frame)}"
         for k in main_parts(direction)
     )
 

@@ -86,7 +86,7 @@ def random_poses(
 
     origin, axes = model.target.frame
     aim = origin + part * limits.extent_mm * (free_axes(model) * share(3)) @ axes.T
-    if radius := getattr(model.target, "radius", 0.0):
+    for radius in model.sizes:
         aim = aim + 0.9 * radius * in_unit_ball(rng, count)
 
     near, far = model.scanner.near, model.scanner.far
@@ -127,10 +127,8 @@ def refused(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     Returns words (P,), "" for poses that are possible.
     """
     limits = model.limits
-    flange, sensor = T, model.planes(R, T)[1]
-    if model.to_hand:
-        flange = inverse(R, T)[1]
-        sensor = model.T_sensor
+    _, flange = model.in_base(R, T)
+    sensor = model.T_sensor if model.to_hand else model.planes(R, T)[1]
     reasons = np.full(len(T), "", dtype=object)
 
     tilt, spin, aside = off_square(model, R, T)
@@ -185,10 +183,14 @@ def worst_clearance(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     """How far inside the field of view the target stays, however wrong the guess is.
 
     The guess may be wrong by up to its margins, or by 1 mm and 1°, for a view that
-    these spoil is none. Each of nine errors is tried at its full size, either way:
-    shifts and turns of the sensor and turns of the target, about three axes each. The
-    worst case is the sum of what they cost where each kind of error points in its worst
-    direction. What moves the scan plane off the target altogether is tried besides.
+    these spoil is none. An error is an array (3, 3) of shares of these, in the sensor's
+    axes: a shift, a turn of the sensor, a turn of the target. Each of the nine is tried
+    alone, either way, for what it costs. To first order a shift of shares s, |s| <= 1,
+    costs s · c, with c the costs along its axes: at most |c|. So do the turns, and the
+    worst case is the sum of the three.
+
+    The scan plane y = 0 leaves the target by a shift along y and turns about x, which
+    no sum of costs tells: these are tried together.
 
     R (P, 3, 3) and T (P, 3) are flange poses. Returns (P,) mm; -inf where the target
     may be missed.
@@ -219,16 +221,20 @@ def clearances(
 ) -> ndarray:
     """How far inside each border of the field of view the target is seen.
 
-    The sensor frames (P, 3, 3), (P, 3) are off by `error` (3, 3): a shift and a turn in
-    their own axes, mm and rad, and a turn of the target about its origin, in these axes
-    too. Returns (P, k) mm, NaN where the target is not seen.
+    The sensor frames R (P, 3, 3), T (P, 3) are off by `error` (3, 3): a shift s and a
+    turn in their own axes, mm and rad, and a turn u of the target about its origin o,
+    in these axes too. Returns (P, k) mm, NaN where the target is not seen.
+
+    A target turned by u shows what it shows unturned from a sensor that is turned back
+    about o. With U the rotation by -u, R becomes R U; and the sensor's origin, which is
+    s - Rᵀ(o - T) from o along its axes, comes to o + R U (s - Rᵀ(o - T)).
     """
     shift, turn, target_turn = error
     origin = model.target.frame[0]
-    back = R_view @ rotations(-target_turn)
-    in_view = carry(*inverse(R_view, T_view), origin)
-    T_back = carry(back, origin, shift - in_view)
-    points = model.points_seen(back @ rotations(turn), T_back, 5)
+    R_back = R_view @ rotations(-target_turn)
+    from_origin = shift - carry(*inverse(R_view, T_view), origin)
+    T_back = carry(R_back, origin, from_origin)
+    points = model.points_seen(R_back @ rotations(turn), T_back, 5)
     x, z = np.moveaxis(points, -1, 0)
 
     scanner = model.scanner

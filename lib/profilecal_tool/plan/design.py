@@ -1,16 +1,16 @@
 """Which of many candidates to take: those that make the sensor pose's covariance small.
 
 What is made small is the larger of two: the largest standard deviation of the
-translation in any direction, and that of the rotation about any axis, each over the
-limit that is asked for. In place of a largest variance, the choice looks at (tr
-Cᵖ)^(1/p), p = 16: hardly larger, and it sees the directions behind the worst one too.
+translation in any direction, and that of the rotation about any axis, each over the one
+that is wanted. A plan `lacks` that many times; the choice looks at `smooth_worst`,
+which is nearly the same and sees the directions behind the worst one too.
 
 A greedy start adds the candidate that helps most; then each pose in turn is exchanged
-for whatever serves best in its place, until none does (Fedorov 1972). A block V Vᵀ of
-low rank changes C by C V (1 + Vᵀ C V)⁻¹ Vᵀ C.
+for whatever serves best in its place (Fedorov 1972), a few rounds among neighbours. A
+plan is a list of candidates of one pool, by number.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,8 +29,10 @@ from profilecal_tool.plan.scan_model import (
     largest_sd,
     predict,
 )
+from profilecal_tool.plan.specification import Limits
 
-UNTIL = 0.1, 0.05  # mm and degrees that are good enough
+USUAL_SD = 0.1, 0.05  # mm and degrees that are good enough
+EXCHANGES = 6  # rounds; without neighbours, standard deviations are 10 % larger
 FEW = 15  # poses: fewer do not tell the size of the errors to 15 %
 NOWHERE = np.empty((0, 3, 3)), np.empty((0, 3))  # no poses
 
@@ -46,9 +48,9 @@ class Plan:
     # with the poses that were there before
     predicted: Prediction
     # mm and degrees that were asked for
-    until: Sequence[float]
+    wanted_sd: Sequence[float]
     # so many poses as these would be enough for that; 0: no number of them
-    enough: int = 0
+    enough_poses: int = 0
     # whether only a second step, from the answer of these poses, can reach it
     is_first_step: bool = False
     # mm/s, where two poses at a time are the ends of a sweep
@@ -59,7 +61,7 @@ class Plan:
     @property
     def falls_short(self) -> bool:
         """Whether the poses are not enough."""
-        return self.predicted.mm > self.until[0] or self.predicted.deg > self.until[1]
+        return self.predicted.lacks(self.wanted_sd) > 1
 
 
 @dataclass(frozen=True)
@@ -84,13 +86,13 @@ class Pool:
         model: ScanModel,
         R: ndarray,
         T: ndarray,
-        until: Sequence[float],
+        wanted_sd: Sequence[float],
         before: ndarray | float = 0.0,
     ) -> "Pool":
         """The pool of flange poses (N, 3, 3), (N, 3).
 
-        `until`: standard deviations that are asked for, mm and degrees; `before` (q,
-        q): `information` that is there already.
+        `wanted_sd`: mm and degrees; `before` (q, q): `information` that is there
+        already.
         """
         # An empty plan has a thousandth of the information that is known by hand. With
         # far less, rounding would choose.
@@ -102,12 +104,13 @@ class Pool:
         precision[:n, :n] = np.diag(ridge / problem.units**2)
         unit = np.diag(precision) ** -0.5
         unit[:n] = problem.units
-        unit[:6] = np.repeat([until[0], np.radians(until[1])], 3)
-        blocks = linear.alone(variances)[:, :-1, :-1] * unit[:, None] * unit
+        unit[:6] = np.repeat([wanted_sd[0], np.radians(wanted_sd[1])], 3)
+        scale = np.outer(unit, unit)
+        blocks = linear.alone(variances)[:, :-1, :-1] * scale
         values, vectors = np.linalg.eigh(blocks)
         large = (values > negligible * values.max()).any(axis=0)
         lengths = np.sqrt(np.maximum(values[:, None, large], 0))
-        prior = (precision + before) * unit[:, None] * unit
+        prior = (precision + before) * scale
         return cls(R, T, vectors[..., large] * lengths, prior)
 
     def covariance(self, chosen: list[int], times: float = 1.0) -> ndarray:
@@ -121,7 +124,7 @@ class Pool:
         """How many times as large as asked for a plan's standard deviations are."""
         return max(largest_sd(self.covariance(chosen, times)[:6, :6]))
 
-    def enough(self, chosen: list[int]) -> int:
+    def enough_poses(self, chosen: list[int]) -> int:
         """How many poses as the candidates `chosen` would be enough; 0: no number."""
         for times in np.geomspace(1, 10, 50):
             if self.lacks(chosen, times) <= 1:
@@ -131,8 +134,9 @@ class Pool:
     def with_each(self, chosen: list[int]) -> ndarray:
         """How good a plan is with one of the candidates (N,) more; less is better.
 
-        It is `smooth_worst`; while there are too few poses for that, the volume of what
-        is left open. inf for candidates whose orientation the plan has.
+        It is `smooth_worst`. While poses leave a direction open, that would see no
+        other: it is the share of the covariance's volume that is left, less than 1. inf
+        for candidates whose orientation the plan has.
 
         With W = C V of a candidate, the covariance becomes C - W (1 + Vᵀ W)⁻¹ Wᵀ, and
         its determinant is divided by |1 + Vᵀ W|.
@@ -141,10 +145,8 @@ class Pool:
         # hand
         left_open = 100.0
         C = self.covariance(chosen)
-        N, q, r = self.roots.shape
-        side_by_side = self.roots.transpose(1, 0, 2).reshape(q, -1)
-        W = (C @ side_by_side).reshape(q, N, r).transpose(1, 0, 2)
-        inner = np.eye(r) + self.roots.mT @ W
+        W = C @ self.roots
+        inner = np.eye(W.shape[-1]) + self.roots.mT @ W
         pose = C[:6, :6]
         if smooth_worst(pose) > left_open:
             values = 1 / np.linalg.det(inner)
@@ -183,51 +185,67 @@ def design(
 
     They are so many `poses`, or as many as it takes until the standard deviations of
     translation and rotation are below `until`, mm and degrees, in every direction,
-    `most` of them at most: `asked` for so, or as the model's limits have it. `before`:
-    poses R (P, 3, 3), T (P, 3) that are there.
+    `most` of them at most: `asked` for so, or as the model's `Limits` have it.
+    `before`: poses R (P, 3, 3), T (P, 3) that are there.
 
     Raises ScanError where the limits leave too few poses.
     """
     limits = replace(model.limits, **asked)
-    until, poses = limits.until or UNTIL, limits.poses
+    wanted_sd = limits.until or USUAL_SD
     drawn = draw(model, candidates, rng, BEYOND)
     # what smooth errors do must not depend on the poses, for information to add up
     smooth = model.linear(*drawn)[0].smooth(model.state).known
     fixed = replace(model, smooth=smooth)
     given = information(fixed, *before) if len(before[0]) else 0.0
-    pool = Pool.from_poses(fixed, *drawn, until, given)
-    chosen: list[int] = []
-    for _ in watched(range(poses or limits.most), "choosing poses"):
-        if chosen and not poses and pool.lacks(chosen) <= 1:
-            break
-        chosen = added(pool, chosen)
-    # for neighbours in the end: without them, standard deviations are 10 % larger
-    exchanges = 6
-    for _ in watched(range(exchanges), "exchanging poses"):
+    pool = Pool.from_poses(fixed, *drawn, wanted_sd, given)
+    chosen = greedy(pool, limits)
+    for _ in watched(range(EXCHANGES), "exchanging poses"):
         plan = pool.R[chosen], pool.T[chosen]
         several = joined(plan, neighbours(model, *plan, 40, rng))
-        pool = Pool.from_poses(fixed, *several, until, given)
+        pool = Pool.from_poses(fixed, *several, wanted_sd, given)
         chosen = exchanged(pool, list(range(len(chosen))))
-        if not poses:
+        if not limits.poses:
+            # better poses make up for others: the next round goes on from fewer
             chosen = trimmed(pool, chosen)
-    R, T = pool.R[chosen], pool.T[chosen]
 
-    def suffice(R: ndarray, T: ndarray) -> bool:
-        known = predict(model, *joined(before, (R, T)))
-        return known.mm <= until[0] and known.deg <= until[1]
+    def suffice(chosen: list[int]) -> bool:
+        poses = joined(before, (pool.R[chosen], pool.T[chosen]))
+        return predict(model, *poses).lacks(wanted_sd) <= 1
 
-    # smooth errors as these poses have them may ask for a few more, or fewer
-    while not poses and len(chosen) < limits.most and not suffice(R, T):
-        chosen = added(pool, chosen)
-        R, T = pool.R[chosen], pool.T[chosen]
-    for pose in [] if poses else list(chosen):
-        fewer = [other for other in chosen if other != pose]
-        if len(fewer) and suffice(pool.R[fewer], pool.T[fewer]):
-            chosen = fewer
+    if not limits.poses:
+        chosen = just_enough(pool, chosen, suffice, limits.most)
     R, T = pool.R[chosen], pool.T[chosen]
     predicted = predict(model, *joined(before, (R, T)), rng)
     way = there_and_back(short_way(R, T))
-    return Plan(model, R[way], T[way], predicted, until, pool.enough(chosen))
+    enough = pool.enough_poses(chosen)
+    return Plan(model, R[way], T[way], predicted, wanted_sd, enough)
+
+
+def greedy(pool: Pool, limits: Limits) -> list[int]:
+    """A plan that grows by whatever helps most, to so many poses or until it lacks
+    nothing.
+    """
+    chosen: list[int] = []
+    for _ in watched(range(limits.poses or limits.most), "choosing poses"):
+        if chosen and not limits.poses and pool.lacks(chosen) <= 1:
+            break
+        chosen = added(pool, chosen)
+    return chosen
+
+
+def just_enough(
+    pool: Pool, chosen: list[int], suffice: Callable[[list[int]], bool], most: int
+) -> list[int]:
+    """A plan with a few poses more or fewer: smooth errors as these poses have them are
+    not quite those that the pool counts with.
+    """
+    while len(chosen) < most and not suffice(chosen):
+        chosen = added(pool, chosen)
+    for pose in list(chosen):
+        fewer = [other for other in chosen if other != pose]
+        if fewer and suffice(fewer):
+            chosen = fewer
+    return chosen
 
 
 def joined(first: Frames, second: Frames) -> Frames:
@@ -257,6 +275,7 @@ def exchanged(pool: Pool, chosen: list[int]) -> list[int]:
     plan = list(chosen)
     least = smooth_worst(pool.covariance(plan)[:6, :6])
     for place in range(len(plan)):
+        # where the others leave a direction open, all values are less than `least`
         values = pool.with_each(plan[:place] + plan[place + 1 :])
         best = int(np.argmin(values))
         if values[best] < least:

@@ -7,8 +7,9 @@ import numpy as np
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.observe import as_observations, observe
 from profilecal.geometry.noise import ROBOT
-from profilecal.geometry.poses import Frames, inverse, nearest_rotation
+from profilecal.geometry.poses import Frames, nearest_rotation
 from profilecal.joint.prior import prior_from
+from profilecal.profiles.points import present
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.simulation.robot import Scanner
 from profilecal.simulation.spec import scan_from
@@ -48,14 +49,18 @@ def model_of_spec(
     )
     if measured == "profiles":
         R, T = draw(model, 24, rng)
-        flange = inverse(R, T) if model.to_hand else (R, T)
-        said = dict(zip(("R_base_flange", "p_base_flange"), flange, strict=True))
-        said["labels"] = tuple(map(str, range(len(T))))
+        flange = model.in_base(R, T)
+        said = {
+            "R_base_flange": flange[0],
+            "p_base_flange": flange[1],
+            "labels": tuple(map(str, range(len(T)))),
+        }
         scan = scan_from(model, flange, said, spec, rng)
         features = observe(scan, 1)
         noise = replace(model.noise, profile_mm=features.typical_mm)
         typical = typical_of(as_observations(scan, features, features.typical_mm))
         model = replace(model, noise=noise, **typical)
+    # the trial poses show what is usual; they are not driven, and need no box
     return replace(model, limits=spec.plan)
 
 
@@ -93,7 +98,7 @@ def model_of_scan(found: Calibration) -> tuple[ScanModel, Frames]:
     prior = solution.prior
     # where no pose is repeated, the errors of a visit are part of those of a pose
     sizes = dict.fromkeys(ROBOT, 0.0)
-    for size in solution.error_sizes.sizes[1:]:
+    for size in solution.error_sizes.sizes:
         usual = getattr(prior.scales, size.name)
         sizes[size.name] = size.middle if size.from_data else usual
     sizes["profile_mm"] = solution.noise_mm
@@ -111,7 +116,7 @@ def model_of_scan(found: Calibration) -> tuple[ScanModel, Frames]:
     )
 
     reach_mm = 200.0  # beyond the poses of a scan, the robot is believed to reach
-    flange = inverse(R, T)[1] if model.to_hand else T
+    _, flange = model.in_base(R, T)
     aside = off_square(model, R, T)[2]
     limits = Limits(
         low=flange.min(axis=0) - reach_mm,
@@ -127,7 +132,7 @@ def scanner_of(scan: Scan, observed: Observations) -> Scanner:
     points = observed.points[0].reshape(-1, 2)
     if scan.measured == "profiles":
         points = np.concatenate(scan.values)
-    x, z = points[np.isfinite(points).all(axis=1) & points.any(axis=1)].T
+    x, z = points[present(points)].T
     near, far = max(z.min() - more_mm, 1.0), z.max() + more_mm
     width = 2 * (np.abs(x).max() + more_mm)
     return Scanner(near=near, far=far, near_width=width, far_width=width)

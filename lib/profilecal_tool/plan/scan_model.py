@@ -2,6 +2,7 @@
 profiles will hold, by the linear model that the calibration will solve.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,7 +12,7 @@ from numpy import ndarray
 from profilecal.calibration.observe import three_points
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.observability import Spectrum, of_covariance, spectrum
-from profilecal.geometry.poses import rotation_groups
+from profilecal.geometry.poses import Frames, inverse, rotation_groups
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.problem import Problem
 from profilecal.joint.smooth import Known
@@ -43,6 +44,12 @@ class ScanModel(Setup):
     # of the robot's smooth errors, as `Problem` takes them; None: as poses have them
     smooth: Known | None = None
 
+    def in_base(self, R: ndarray, T: ndarray) -> Frames:
+        """Flange poses (P, 3, 3), (P, 3) in the base, or back; eye-to-hand, those of a
+        model are of the base in the flange frame.
+        """
+        return inverse(R, T) if self.to_hand else (R, T)
+
     def elsewhere(self, rng: np.random.Generator) -> "ScanModel":
         """The same where the guess is wrong by anything within its margins."""
         if self.guess is None:
@@ -67,7 +74,8 @@ class ScanModel(Setup):
         (h(d) + g x).
         """
         points = self.target.points_seen(R_view, T_view, count)
-        if len(self.target.shifts) > 1:
+        is_face = len(self.target.shifts) == 1  # only a shift across it changes it
+        if not is_face:
             return points
         (x, last_x), (z, last_z) = points[:, [0, -1]].T
         slope = (last_z - z) / (last_x - x)
@@ -135,19 +143,14 @@ class ScanModel(Setup):
         return problem, problem.model(self.state, list(sizes)), variances
 
 
-def information(
-    model: ScanModel, R: ndarray, T: ndarray, each: bool = False
-) -> ndarray:
+def information(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     """What flange poses (P, 3, 3), (P, 3) tell of the unknowns and the shared errors.
 
     Returns (q, q), for the unknowns and then for what is wrong at all poses, the
-    robot's errors integrated out. `each`: of each pose by itself, (P, q, q); where all
-    have orientations of their own, these add up to the whole.
+    robot's errors integrated out.
     """
     _, linear, variances = model.linear(R, T)
     # the last row and column are of the residuals themselves
-    if each:
-        return linear.alone(variances)[:, :-1, :-1]
     return linear.posterior(variances[None]).normal[0, :-1, :-1]
 
 
@@ -185,6 +188,10 @@ class Prediction:
         """The largest standard deviation of the rotation about any axis."""
         return np.degrees(largest_sd(self.covariance)[1])
 
+    def lacks(self, wanted_sd: Sequence[float]) -> float:
+        """How many times as large as wanted, mm and degrees, they are."""
+        return max(self.mm / wanted_sd[0], self.deg / wanted_sd[1])
+
 
 def predict(
     model: ScanModel,
@@ -202,10 +209,11 @@ def predict(
     posterior = linear.posterior(variances[None])
     (covariance,), n = posterior.covariance, problem.n
     rank = spectrum(posterior.normal[0, :n, :n], problem.units).rank
-    found = Prediction(of_covariance(covariance[:6, :6], rank, n), len(T))
+    known = of_covariance(covariance[:6, :6], rank, n)
+    delay_sd_s = None
     if problem.clock is not None:
-        sd_s = float(np.sqrt(covariance[problem.clock, problem.clock]))
-        found = replace(found, delay_sd_s=sd_s)
+        delay_sd_s = float(np.sqrt(covariance[problem.clock, problem.clock]))
+    found = Prediction(known, len(T), delay_sd_s=delay_sd_s)
     if rng is None or model.guess is None:
         return found
     draws = [model.elsewhere(rng) for _ in range(GUESSES)]

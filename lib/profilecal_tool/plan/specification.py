@@ -11,19 +11,10 @@ from numpy.random import Generator
 
 from profilecal.geometry.poses import inverse, rotation_from_xyz_angles, rotations
 from profilecal.scan.folder import read_header, read_poses
-from profilecal.scan.scan import Scan, ScanError
+from profilecal.scan.scan import ScanError
 from profilecal.scan.toml import number, numbers, whole
-from profilecal.simulation.scene import Scene, Setup, in_unit_ball
-from profilecal.simulation.spec import (
-    Spec,
-    errors_of,
-    read_spec,
-    record,
-    record_sweeps,
-    simulate_scan,
-    taken,
-)
-from profilecal.simulation.sweeps import Sweep
+from profilecal.simulation.scene import Setup, in_unit_ball
+from profilecal.simulation.spec import Spec, read_spec
 from profilecal.targets import TARGETS
 
 Vector = Annotated[Sequence[float], numbers(3)]
@@ -166,43 +157,6 @@ def read_specification(said: dict[str, Any], path: str | Path) -> PlannedSpec:
     spec = read_spec(said, path, PlannedSpec)
     poses = Path(path).parent / spec.poses
     return replace(spec, poses=str(poses)) if spec.poses else spec
-
-
-def simulate_specification(spec: PlannedSpec) -> Scan:
-    """The scan that a robot and a scanner with errors would record.
-
-    Raises ScanError where it shows nothing.
-    """
-    if not spec.poses:
-        return simulate_scan(spec)
-    rng = np.random.default_rng(spec.seed)
-    setup = spec.setup(rng)
-    rng = errors_of(spec, rng)
-    said, R, T = planned_poses(spec.poses, spec.to_hand)
-    if spec.motion:
-        sweeps = straight_sweeps(setup, R, T, spec.motion.speed)
-        return record_sweeps(setup, spec, rng, sweeps)
-    if setup.target.steered:  # by the operator, as far as this takes
-        R_view, T_view = setup.planes(R, T)
-        across = R_view[..., 1]
-        off = np.vecdot(setup.target.frame[0] - T_view, across)
-        off = off - spec.noise.steering_mm * rng.normal(size=len(T))
-        T = T + off[:, None] * across
-    scene = Scene.of(setup, (R, T[:, None]), said["labels"], said["group"])
-    return record(scene, taken(scene, spec, rng), spec, rng)
-
-
-def straight_sweeps(setup: Setup, R: ndarray, T: ndarray, speed: float) -> list[Sweep]:
-    """The straight sweeps at a speed, mm/s, between flange poses (2 n, 3, 3), (2 n, 3),
-    two of each, of a sensor that is where `setup` has it.
-    """
-    R_view, T_view = setup.planes(R, T)
-    sweeps = []
-    for facing, begin, end in zip(R_view[::2], T_view[::2], T_view[1::2], strict=True):
-        half = float(np.linalg.norm(end - begin)) / 2
-        along = (end - begin) / (2 * half)
-        sweeps.append(Sweep((begin + end) / 2, facing, along, speed, half))
-    return sweeps
 
 
 def planned_poses(

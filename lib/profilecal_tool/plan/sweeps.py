@@ -6,21 +6,18 @@ from the other, and the error of the robot that both have in common drops out.
 """
 
 from collections import Counter
-from dataclasses import replace
 
 import numpy as np
 from numpy import ndarray
 
 from profilecal.calibration.calibration import Calibration
-from profilecal.geometry.log import DELAY_S
-from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import Frames, inverse
+from profilecal.geometry.log import DELAY_S, Log
+from profilecal.geometry.poses import Frames
 from profilecal.scan.scan import ScanError
-from profilecal.simulation.sweeps import Motion, drive, half_way
+from profilecal.simulation.sweeps import Motion, half_way
 from profilecal_tool.plan.candidates import refused
 from profilecal_tool.plan.design import Plan
 from profilecal_tool.plan.scan_model import ScanModel, predict
-from profilecal_tool.plan.specification import straight_sweeps
 
 
 def along_lines(plan: Plan, motion: Motion, rng: np.random.Generator) -> Plan:
@@ -37,25 +34,24 @@ def along_lines(plan: Plan, motion: Motion, rng: np.random.Generator) -> Plan:
         )
     there_and_back = [0, 1, 1, 0]
     R, T = R.repeat(4, axis=0), ends[:, there_and_back].reshape(-1, 3)
-    poses, flange = drive(
+    seconds = np.linalg.norm(T[1::2] - T[::2], axis=1) / motion.speed
+    # so far apart that the log is cut between sweeps
+    begin = 100 * seconds.max() * np.arange(len(seconds))
+    log = Log(np.ravel([begin, begin + seconds], "F"), *model.in_base(R, T))
+    share = (np.arange(motion.profiles) + 0.5) / motion.profiles
+    times = (begin[:, None] + np.outer(seconds, share)).ravel()
+    group = np.arange(len(seconds)).repeat(len(share))
+    *flange, _ = log.at(times)
+    seen = model.in_base(*flange)
+    return Plan(
         model,
-        Motion(profiles=motion.profiles, delay_ms=0.0),
-        Noise(),
-        np.random.default_rng(0),
-        spread_deg=0.0,
-        to_hand=model.to_hand,
-        planned=straight_sweeps(model, R, T, motion.speed),
+        R,
+        T,
+        predict(model, *seen, rng, log=log, times=times[None], group=group),
+        plan.wanted_sd,
+        speed=motion.speed,
+        left_out=left_out,
     )
-    if model.to_hand:
-        flange = inverse(*flange)
-    in_motion = {
-        "log": poses["log"],
-        "times": poses["times"][None],
-        "group": np.unique(poses["sweeps"], return_inverse=True)[1],
-    }
-    predicted = predict(model, *flange, rng, **in_motion)
-    driven = {"R": R, "T": T, "speed": motion.speed, "left_out": left_out}
-    return replace(plan, predicted=predicted, enough=0, **driven)
 
 
 def lines_through(
@@ -70,7 +66,8 @@ def lines_through(
     for share in (1, 1 / 2, 1 / 4):
         for middle in (0, 1, -1):
             ends = T + share * np.multiply.outer([middle - 1, middle + 1], half)
-            reasons = np.maximum(*(refused(model, R, end) for end in ends))
+            begin, end = (refused(model, R, place) for place in ends)
+            reasons = np.where(begin == "", end, begin)
             new = (reasons == "") & np.isnan(found[:, 0, 0])
             found[new] = ends.swapaxes(0, 1)[new]
     missing = np.isnan(found[:, 0, 0])

@@ -8,10 +8,9 @@ import numpy as np
 
 from profilecal.calibration.calibrate import calibrate
 from profilecal.calibration.calibration import Calibration
-from profilecal.geometry.noise import ROBOT
-from profilecal.geometry.poses import Frames, inverse
+from profilecal.geometry.poses import Frames
 from profilecal.joint.prior import prior_from
-from profilecal.scan.folder import poses_columns, read_scan
+from profilecal.scan.folder import header_of, poses_columns, read_scan
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import write_table
 from profilecal.scan.toml import read_toml, toml_text
@@ -37,11 +36,14 @@ class Task:
 
     model: ScanModel
     rng: np.random.Generator
+    # whose mount, target and convention the folder states
     source: PlannedSpec | Scan
     # the noise that it states
-    stated: dict[str, float]
-    # of the specification, if there is one
-    entries: dict
+    stated: Mapping[str, float]
+    # the content of the specification; none: the folder cannot be simulated
+    entries: Mapping
+    # how the robot moves; None: it stops for each profile
+    motion: Motion | None = None
     # poses R (P, 3, 3), T (P, 3) that are there already
     before: Frames = NOWHERE
     # whether `calibrate` has something to say against the scan
@@ -64,34 +66,15 @@ class Task:
         return predict(self.model, R[seen], T[seen], self.rng), int((~seen).sum())
 
     def plan(self) -> Plan:
-        """The poses that serve best; where only the margins of the guess keep them from
-        what is asked for, those of a first step; in motion, lines through poses: so
-        many as are asked for, or as serve `until`; else as the specification says.
-
-        Raises ScanError.
+        """The poses that serve best; in motion, lines through poses. Raises
+        ScanError.
         """
-        asked, guess = self.model.limits.poses, self.model.guess
         if self.motion:
-            given = asked or (self.motion.sweeps + 1) // 2
-            for lines in (given,) if self.count_given else LINES:
-                through = self.designed(poses=lines)
-                plan = along_lines(through, self.motion, self.rng)
-                if not plan.falls_short:
-                    break
+            return self.sweeps(self.motion)
+        plan = self.poses()
+        if self.count_given or not plan.falls_short:
             return plan
-        plan = self.designed()
-        if asked or guess is None or not plan.falls_short:
-            return plan
-        exact = replace(guess, **dict.fromkeys(MARGINS, 0.0))
-        model = replace(self.model, guess=exact)
-        if replace(self, model=model).designed().falls_short:
-            return plan
-        return replace(self.designed(poses=FEW), is_first_step=True)
-
-    @property
-    def motion(self) -> Motion | None:
-        """How the robot moves, if it does."""
-        return getattr(self.source, "motion", None)
+        return self.first_step() or plan
 
     @property
     def count_given(self) -> bool:
@@ -99,9 +82,35 @@ class Task:
         limits = self.model.limits
         return bool(limits.poses or (self.motion and not limits.until))
 
-    def designed(self, **asked: int) -> Plan:
+    def poses(self, **asked: int) -> Plan:
         """A plan of poses. Raises ScanError."""
         return design(self.model, self.rng, before=self.before, **asked)
+
+    def sweeps(self, motion: Motion) -> Plan:
+        """A plan of so many lines as are asked for, or as it takes. Raises
+        ScanError.
+        """
+        counts: Sequence[int] = LINES
+        if self.count_given:
+            counts = [self.model.limits.poses or (motion.sweeps + 1) // 2]
+        for count in counts:
+            plan = along_lines(self.poses(poses=count), motion, self.rng)
+            if not plan.falls_short:
+                break
+        return plan
+
+    def first_step(self) -> Plan | None:
+        """A few poses, from whose answer a second plan reaches what is wanted, if only
+        the margins of the guess keep this one from it.
+        """
+        guess = self.model.guess
+        if guess is None:
+            return None
+        exact = replace(guess, **dict.fromkeys(MARGINS, 0.0))
+        second = replace(self, model=replace(self.model, guess=exact))
+        if second.poses().falls_short:
+            return None
+        return replace(self.poses(poses=FEW), is_first_step=True)
 
     def write(self, plan: Plan, folder: Path) -> None:
         """Write a plan of poses or sweeps into a folder that exists.
@@ -111,15 +120,12 @@ class Task:
         with.
         """
         table = "sweeps.csv" if plan.speed else "poses.csv"
-        poses = plan.R, plan.T
-        if self.model.to_hand:
-            poses = inverse(*poses)
+        poses = self.model.in_base(plan.R, plan.T)
         write_folder(folder, self.source, self.stated, table, poses)
         if self.entries:
-            scales = prior_from(self.stated).scales
-            robot = {name: getattr(scales, name) for name in ROBOT}
-            changes = {"plan": {}, "poses": table, "noise": self.stated | robot}
-            text = toml_text(self.entries | changes)
+            robot = prior_from(self.stated).scales.of_robot
+            changes = {"plan": {}, "poses": table, "noise": {**self.stated, **robot}}
+            text = toml_text({**self.entries, **changes})
             (folder / "simulate.toml").write_text(text, encoding="utf-8")
 
 
@@ -150,32 +156,42 @@ def read_task(
     """
     if path.name == "scan.toml":
         path = path.parent
-    is_scan = path.is_dir()
-    if within and not is_scan:
+    if path.is_dir():
+        task = task_after(path, within)
+    elif within:
         raise ScanError(f"{path} is no scan folder; expected one beside --within")
-    place, entries, spec = within if is_scan else path, {}, None
-    if place:
-        entries = read_toml(place)
-        spec = read_specification(entries, place)
-    if is_scan:
-        scan = read_scan(path)
-        found = calibrate([scan])
-        if back := way_back(found):
-            return WayBack(scan, back)
-        model, before = model_of_scan(found)
-        if spec:
-            model = replace(model, limits=spec.plan)
-        rng, stated = np.random.default_rng(0), dict(scan.noise)
-        task = Task(model, rng, scan, stated, entries, before, found.misread)
     else:
-        rng, stated = np.random.default_rng(spec.seed), entries.get("noise", {})
-        model = model_of_spec(spec, stated, rng)
-        task = Task(model, rng, spec, stated, entries)
-    if poses or until:
-        until = until or model.limits.until
-        limits = replace(model.limits, poses=poses or 0, until=until)
-        task = replace(task, model=replace(model, limits=limits))
+        task = task_of(path)
+    if isinstance(task, Task) and (poses or until):
+        limits = task.model.limits
+        limits = replace(limits, poses=poses or 0, until=until or limits.until)
+        task = replace(task, model=replace(task.model, limits=limits))
     return task
+
+
+def task_of(path: Path) -> Task:
+    """What a file SPEC.toml asks for. Raises ScanError."""
+    entries = read_toml(path)
+    spec = read_specification(entries, path)
+    rng, stated = np.random.default_rng(spec.seed), entries.get("noise", {})
+    model = model_of_spec(spec, stated, rng)
+    return Task(model, rng, spec, stated, entries, spec.motion)
+
+
+def task_after(path: Path, within: Path | None) -> Task | WayBack:
+    """What a scan folder lacks. Raises ScanError."""
+    scan = read_scan(path)
+    found = calibrate([scan])
+    if back := way_back(found):
+        return WayBack(scan, back)
+    model, before = model_of_scan(found)
+    entries = {}
+    if within:
+        entries = read_toml(within)
+        model = replace(model, limits=read_specification(entries, within).plan)
+    rng = np.random.default_rng(0)
+    task = Task(model, rng, scan, scan.noise, entries, before=before)
+    return replace(task, doubted=found.misread)
 
 
 def write_folder(
@@ -189,13 +205,7 @@ def write_folder(
         count = len(labels) // 2
         labels = [f"s{k + 1} {end}" for k in range(count) for end in ("begin", "end")]
     write_table(folder / table, poses_columns(labels, *poses, source.convention))
-    header = {
-        "title": source.title or f"planned {source.kind}",
-        "units": "mm",
-        "mount": source.mount,
-        "target": {"kind": source.kind} | source.measures,
-        "noise": dict(noise),
-    }
+    header = header_of(source, source.title or f"planned {source.kind}", noise)
     (folder / "scan.toml").write_text(toml_text(header), encoding="utf-8")
 
 

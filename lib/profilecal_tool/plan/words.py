@@ -74,7 +74,7 @@ def plan_lines(plan: Plan, count_given: bool) -> list[str]:
     """A plan in lines; `count_given`: it was to have so many poses and no more."""
     count = len(plan.T)
     lines = prediction_lines(plan.predicted, plan.model, 0 if plan.speed else count)
-    wished = "{:g} mm and {:g}°".format(*plan.until)
+    wished = "{:g} mm and {:g}°".format(*plan.wanted_sd)
     falls_short = plan.falls_short and not count_given
     if plan.speed:
         lines.append(f"sweeps         {count // 2}, {WHY}")
@@ -89,8 +89,8 @@ def plan_lines(plan: Plan, count_given: bool) -> list[str]:
         )
     elif falls_short:
         like = (
-            f"{plan.enough} like these are"
-            if plan.enough
+            f"{plan.enough_poses} like these are"
+            if plan.enough_poses
             else "nor are ten times as many"
         )
         lines.append(
@@ -146,7 +146,7 @@ def steps(plan: Plan, spec: Path, folder: Path | None) -> list[str]:
             f"--poses {folder / 'poses.csv'}"
         )
     if plan.is_first_step:
-        mm, deg = plan.until
+        mm, deg = plan.wanted_sd
         lines.append(
             f"and then: profilecal plan {folder} SECOND-FOLDER "
             f"--until {mm:g} {deg:g} --within {spec}"

@@ -121,13 +121,10 @@ def chance_limits(calibration: Calibration) -> list[np.ndarray]:
 
     A pose of each scan (P,) exceeds them so seldom that none of them should.
     """
-    total = sum(map(len, calibration.seen))
-    limits = []
-    for observed in calibration.observed:
-        points = np.isfinite(observed.points[0, :, :, 0]).sum(axis=1)
-        count = observed.target.rows * points
-        limits.append(np.sqrt(chi2_limit(FALSE_ALARM / total, count) / count))
-    return limits
+    problem = calibration.solution.problem
+    count = problem.freedoms
+    limits = np.sqrt(chi2_limit(FALSE_ALARM / len(count), count) / count)
+    return problem.split(limits)
 
 
 def rejected_poses(calibration: Calibration) -> Html:

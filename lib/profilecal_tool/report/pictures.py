@@ -13,7 +13,7 @@ from numpy import ndarray
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.points import points_seen
-from profilecal.geometry.observability import WEAK, main_parts, size_direction
+from profilecal.geometry.observability import WEAK, name_direction, size_direction
 from profilecal.geometry.poses import in_base
 from profilecal.profiles.points import Feature
 from profilecal.scan.scan import Scan
@@ -328,7 +328,7 @@ def plot_directions(found: Calibration) -> plt.Figure:
     axes.barh(range(6), np.minimum(known.sd, 10), 0.3, color=colours)
     for y, (sd, direction) in enumerate(zip(known.sd, known.directions, strict=True)):
         size = size_direction(sd, direction) if sd < 1 else "unobservable"
-        name = by_axes(direction, solution.rotation, found.frame)
+        name = name_direction(direction, solution.rotation, found.frame, axes_to_jog)
         text = fill(f"{name}: {size}", 80)
         axes.text(1.1 * low, y - 0.2, text, fontsize=8, va="bottom")
     axes.set(xscale="log", xlim=(low, 10), ylim=(5.5, -0.8), yticks=[])
@@ -337,20 +337,15 @@ def plot_directions(found: Calibration) -> plt.Figure:
     return figure
 
 
-def by_axes(direction: ndarray, R_sensor: ndarray, frame: str) -> str:
-    """A direction (6,) of the sensor's pose by the axes along and about which a robot
-    is jogged, those with the larger shares first: "rotation about the flange's y, -z".
+def axes_to_jog(vector: ndarray, frame: str) -> str:
+    """A direction by the axes along and about which a robot is jogged, those with the
+    larger shares first: "the flange's y, -z".
     """
-    words = "translation along", "rotation about"
-    vectors = np.reshape(direction, (2, 3)) @ R_sensor.T
-    parts = []
-    for k in main_parts(direction):
-        shares = vectors[k] / np.linalg.norm(vectors[k])
-        order = np.argsort(-np.abs(shares))
-        signs = np.where(shares * shares[order[0]] < 0, "-", "")
-        axes = [f"{signs[i]}{'xyz'[i]}" for i in order if abs(shares[i]) > 0.4]
-        parts.append(f"{words[k]} the {frame}'s {', '.join(axes)}")
-    return " with ".join(parts)
+    shares = vector / np.linalg.norm(vector)
+    order = np.argsort(-np.abs(shares))
+    signs = np.where(shares * shares[order[0]] < 0, "-", "")
+    axes = [signs[i] + "xyz"[i] for i in order if abs(shares[i]) > 0.4]
+    return f"the {frame}'s {', '.join(axes)}"
 
 
 def save_plan(plan: Plan, path: Path) -> None:
@@ -361,22 +356,26 @@ def save_plan(plan: Plan, path: Path) -> None:
     model, predicted = plan.model, plan.predicted
     figure, axes = plt.subplots(figsize=(7, 5.5), subplot_kw={"projection": "3d"})
     R_view, T_view = model.planes(plan.R, plan.T)
-    near, far = model.scanner.near, model.scanner.far
-    z = np.array([near, far, far, near])
-    x = model.scanner.half_width(z) * [-1, -1, 1, 1]
-    views = np.stack([x, z], axis=1) @ R_view[..., ::2].mT + T_view[:, None]
+
+    def placed(points: ndarray) -> ndarray:
+        """Points in the scan planes (P | 1, n, 2) where the sensor is."""
+        return points @ R_view[..., ::2].mT + T_view[:, None]
+
+    z = np.repeat([model.scanner.near, model.scanner.far], 2)
+    x = model.scanner.half_width(z) * [-1, 1, 1, -1]
+    views = placed(np.stack([x, z], axis=1))
     axes.plot(*T_view.T, color=BLUE, lw=0.8, alpha=0.6)
     dots = {"color": BLUE, "s": 8, "depthshade": False}
     axes.scatter(*T_view.T, label="sensor, on its way", **dots)
     few = spread(len(views), 5)
-    size = 0.06 * np.ptp(np.vstack([views[:, 0], views[:, 1], T_view]), axis=0).max()
+    size = 0.06 * np.ptp(np.vstack([*views, T_view]), axis=0).max()
     for k in few:
         draw_patch(axes, views[k], SKY, 0.12, "" if k else "field of view")
         draw_frame(axes, R_view[k], T_view[k], size)
-    seen = model.points_seen(R_view, T_view, 5) @ R_view[..., ::2].mT + T_view[:, None]
-    target = draw_lines(axes, model.target.lines(seen.reshape(-1, 3)), "black", "")
+    seen = placed(model.points_seen(R_view, T_view, 5)).reshape(-1, 3)
+    target = draw_lines(axes, model.target.lines(seen), "black", "")
     frame = "flange" if model.to_hand else "base"
-    in_frame(axes, frame, np.vstack([T_view, views[few].reshape(-1, 3), target]))
+    in_frame(axes, frame, np.vstack([T_view, *views[few], target]))
     axes.computed_zorder = False
     axes.legend(loc="upper left", fontsize=8)
     count = f"{len(plan.T) // 2} sweeps" if plan.speed else f"{len(plan.T)} poses"

@@ -13,7 +13,8 @@ from profilecal.geometry.noise import normalised_square
 from profilecal.geometry.poses import pose_error
 from profilecal.simulation.scene import Setup
 from profilecal.simulation.spec import read_spec, record_sweeps
-from profilecal_tool.plan.specification import planned_poses, straight_sweeps
+from profilecal_tool.plan.simulation import straight_sweeps
+from profilecal_tool.plan.specification import planned_poses
 
 SPEC = """
 kind = "{kind}"
