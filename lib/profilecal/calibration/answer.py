@@ -15,6 +15,16 @@ from profilecal.scan.tables import ScanError, naming
 from profilecal.scan.toml import check_entries, one_of
 
 DEGREES = np.repeat([1.0, 180 / np.pi], 3)  # of δ = (shift, turn) from mm and rad
+# what old files call errors that were considered; these sentences are of that time
+OLD_COLUMNS = {
+    "the profiles' x were too [large|small] by {:.2g} %": "x scale",
+    "the profiles' z were too [large|small] by {:.2g} %": "z scale",
+    "the profiles' x grew with z by {:+.2g} %": "shear",
+    "the profiles were bent by {:+.2g} mm, 50 mm from the middle": "bend",
+    "the radius was too [large|small] by {:.2g} mm": "radius",
+    "the scanner's clock was [behind|ahead] by {:.2g} ms": "delay",
+    "the scanner's clock was too [slow|fast] by {:.2g} ppm": "drift",
+}
 MOST_PRINTS = 1000  # of a scan, in a file
 EXPECTED = (
     "not what `profilecal calibrate --json` prints where it finds a sensor pose, a "
@@ -41,7 +51,8 @@ class Joint:
 
     def of(self, names: list[str]) -> tuple[ndarray, ndarray]:
         """Mean and covariance of these columns, zero of those that it does not have."""
-        mine = np.array([[mine == name for mine in self.columns] for name in names])
+        own = [OLD_COLUMNS.get(column, column) for column in self.columns]
+        mine = np.array([[mine == name for mine in own] for name in names])
         return mine @ self.mean, mine @ self.covariance @ mine.T
 
 

@@ -21,13 +21,15 @@ from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import FALSE_ALARM, Noise, Systematic
 from profilecal.geometry.observability import HAND_PRECISION
 from profilecal.joint.linear_model import LinearModel
+from profilecal.joint.prior import TYPICAL
 from profilecal.joint.problem import Problem
 from profilecal.joint.solution import column_names
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError
 from profilecal.targets.observations import State
 
-ALL_CONSIDERED = Systematic(1.0, 1.0, 1.0, 1.0)  # that a calibration may have
+# that a calibration may have
+ALL_CONSIDERED = Systematic(**dict.fromkeys(vars(TYPICAL), 1.0))
 POWER = 0.9
 
 

@@ -26,7 +26,7 @@ from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import FALSE_ALARM, Noise, chi2_limit, normalised_square
 from profilecal.geometry.poses import pose_error
 from profilecal.geometry.progress import watched
-from profilecal.joint.prior import OF_SCANNER
+from profilecal.joint.prior import BEND
 from profilecal.joint.problem import FLANGE
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import solve
@@ -34,7 +34,6 @@ from profilecal.scan.scan import Scan
 from profilecal.targets.observations import Observations
 
 FEWEST = 10
-BENT = OF_SCANNER[-1]
 TINY = 1e-9  # mm or degrees: no error
 WIDTH = 1.96  # standard deviations from the middle to either end of 95 %
 LEAST_LINE = 10  # points of a line whose bend is looked at
@@ -200,7 +199,7 @@ def bend_of_lines(scan: Scan, solution: Solution) -> dict[str, float]:
         return {}
     share = np.array(weights) / np.sum(weights)
     bend = share @ bends
-    believed = solution.problem.considered.get(BENT, 0.0)
+    believed = solution.problem.considered.get(BEND, 0.0)
     sd = np.sqrt(np.sum((share * (bends - bend)) ** 2) + believed**2)
     words = (
         f"the lines beside the edge were bent by {bend:+.2g} mm, 50 mm from the "

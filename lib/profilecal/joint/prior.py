@@ -238,6 +238,8 @@ class Perturbation:
     length: str = ""  # the name of a length of the target
     # of times (P,) by the scanner's clock: by how much they are wrong, s
     clock: Callable | None = None
+    # of one that is considered, and never another: answers in files know it by this
+    name: str = ""
 
 
 def with_x(x: ndarray, z: ndarray) -> ndarray:
@@ -255,6 +257,14 @@ def bend(x: ndarray, z: ndarray) -> ndarray:
     return (x / 50) ** 2
 
 
+BEND = Perturbation(
+    "the profiles were bent by {:+.2g} mm, 50 mm from the middle",
+    1,
+    "bend_mm",
+    moved="z",
+    points=bend,
+    name="bend",
+)
 # The scanner's errors: scales of the profiles, x that grows with z, and a bend.
 OF_SCANNER = [
     Perturbation(
@@ -263,6 +273,7 @@ OF_SCANNER = [
         "scale_percent",
         moved="x",
         points=with_x,
+        name="x scale",
     ),
     Perturbation(
         "the profiles' z were too [large|small] by {:.2g} %",
@@ -270,6 +281,7 @@ OF_SCANNER = [
         "scale_percent",
         moved="z",
         points=with_z,
+        name="z scale",
     ),
     Perturbation(
         "the profiles' x grew with z by {:+.2g} %",
@@ -277,20 +289,18 @@ OF_SCANNER = [
         "shear_percent",
         moved="x",
         points=with_z,
+        name="shear",
     ),
-    Perturbation(
-        "the profiles were bent by {:+.2g} mm, 50 mm from the middle",
-        1,
-        "bend_mm",
-        moved="z",
-        points=bend,
-    ),
+    BEND,
 ]
 
 
 # What all times in motion have in common: the robot's clock less the scanner's.
 DELAY = Perturbation(
-    "the scanner's clock was [behind|ahead] by {:.2g} ms", 1000, clock=np.ones_like
+    "the scanner's clock was [behind|ahead] by {:.2g} ms",
+    1000,
+    clock=np.ones_like,
+    name="delay",
 )
 CLOCK_DRIFT = 5e-5  # of quartz clocks, s/s
 
@@ -306,7 +316,7 @@ def of_clocks(observations: Sequence[Observations]) -> dict[Perturbation, float]
     ends = np.nanmin(np.concatenate(times)), np.nanmax(np.concatenate(times))
     middle = sum(ends) / 2
     words = "the scanner's clock was too [slow|fast] by {:.2g} ppm"
-    growing = Perturbation(words, 1e6, clock=lambda times: times - middle)
+    growing = Perturbation(words, 1e6, clock=lambda times: times - middle, name="drift")
     sd_s = 1e-6 if moving[0].delay_known else DELAY_S
     return {DELAY: sd_s, growing: CLOCK_DRIFT}
 
@@ -316,7 +326,7 @@ def of_target(targets: Sequence[type[Target]]) -> list[Perturbation]:
     names = dict.fromkeys(name for target in targets for name in target.lengths)
     words = "the {} was too [large|small] by {{:.2g}} mm"
     return [
-        Perturbation(words.format(name), 1, "tolerance_mm", length=name)
+        Perturbation(words.format(name), 1, "tolerance_mm", length=name, name=name)
         for name in names
     ]
 

@@ -30,7 +30,7 @@ def column_names(
     for number, target in zip(numbers, problem.targets, strict=True):
         names += [f"target {number} shift {axis}" for axis in target.shifts]
         names += [f"target {number} turn {axis}" for axis in target.turns]
-    names += [error.words for error in problem.considered]
+    names += [error.name for error in problem.considered]
     return names + [f"smooth {k}" for k in range(COEFFICIENTS * smooth)]
 
 
