@@ -44,6 +44,12 @@ def test_what_is_written_is_read(name, delay_ms, tmp_path):
     assert_same(scan, pc.read_scan(tmp_path / "scan"))
 
 
+def test_beside_a_log_poses_at_rest_have_no_times(folder):
+    expected = pc.read_scan(folder)
+    tabulated("poses.csv", lambda table: table.assign(t=[1.0, 2.0]))(folder)
+    assert_same(pc.read_scan(folder), expected)
+
+
 def test_arrays_make_the_same_scan():
     scan = in_motion(motion=SWEEPS | {"stops": 4})
     still = ~scan.moving
