@@ -163,10 +163,8 @@ def guess_given(ctx, param, numbers):
     "--guess-sd",
     nargs=2,
     type=float,
-    default=(15, 8),
-    show_default=True,
     metavar="MM DEG",
-    help="How good the guess is, one standard deviation.",
+    help="How good the guess is, one standard deviation; 15 8 if nothing states it.",
 )
 @option(
     "--self-test",
@@ -197,7 +195,7 @@ def calibrate(folders, as_json, vendor, guess, guess_sd, self_test, report, clou
     if not as_json:
         echo(next_step(found, folders))
     if report:
-        known = {"guess": list(guess or []), "guess_sd": list(guess_sd)}
+        known = {"guess": list(guess or []), "guess_sd": list(guess_sd or [])}
         write_the_report(folders, report, **known)
     if found.is_known:
         put_together(found, found.pose, cloud)

@@ -15,7 +15,7 @@ from profilecal.calibration.points import middle_and_corners
 from profilecal.calibration.verify import Verification
 from profilecal.geometry.log import DELAY_S
 from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise
-from profilecal.geometry.observability import HAND_PRECISION, name_direction
+from profilecal.geometry.observability import HAND_PRECISION, brief, name_direction
 from profilecal.joint.prior import FINEST_MM, FREEDOM
 from profilecal.joint.solution import Solution
 from profilecal.scan.scan import Scan
@@ -118,11 +118,6 @@ def shift_and_turn(mm_deg: Sequence[float], between: str = "and") -> str:
     """Three shifts and three turns (6,) in words, "open" for NaN."""
     words = ["open" if np.isnan(value) else brief(value) for value in mm_deg]
     return f"{'  '.join(words[:3])} mm along {between} {'  '.join(words[3:])}°"
-
-
-def brief(value: float) -> str:
-    """Two digits, or a whole number."""
-    return f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
 
 
 def robot_errors(noise: Noise, usual: Noise) -> str:
@@ -255,7 +250,8 @@ def mount_verdict(check: MountCheck, kind: str) -> str:
             "more poses"
         )
     if check.as_expected:
-        return "all is where the calibration left it"
+        part = f", in the {check.tested} of 6 directions that these poses test"
+        return f"all is where the calibration left it{part * (check.tested < 6)}"
     verdicts = {
         (): f"no move of the sensor or the {kind} alone explains it: is it the {kind} "
         "of the calibration, where it stood? If so, look at the robot",

@@ -36,6 +36,10 @@ def test_a_log_has_a_row_a_day_and_a_picture(tmp_path):
     assert result.exit_code == 2
     assert f"--log is {picture}; expected a name that ends in .csv" in result.stderr
     assert not picture.exists()
+    one = pc.Scan.of("ball", T[:1], arcs=again.values[0], radius=25)
+    pc.write_scan(one, tmp_path / "single")
+    result = run("check-mount", tmp_path / "single", "--with", answer)
+    assert "left it, in the 3 of 6 directions that these poses test" in result.output
 
 
 def test_a_check_that_could_show_nothing_has_a_status_of_its_own(tmp_path):

@@ -72,7 +72,8 @@ class Answer:
     mount: str  # "eye-in-hand" or "eye-to-hand"
     status: str = "ok"  # or "weak"
     joint: Joint | None = None  # by which `check_mount` predicts; old files have none
-    # (6, 6) near the poses of its scans, without what no residual shows
+    # (6, 6) near the poses of its scans, without what no residual shows; left out,
+    # `verify` takes the total
     covariance_mm_deg: ndarray | None = None
     # of the measurements that it is from
     fingerprints: tuple[str, ...] = ()
@@ -83,15 +84,19 @@ class Answer:
         check_entries("Answer", said, rules)
         with naming("Answer"):
             check_array("the sensor pose", self.pose, (4, 4))
-            C = check_array("its covariance", self.covariance_total_mm_deg, (6, 6))
             check_array("noise_mm", [self.noise_mm], (1,))
             check_rigid("the sensor pose", self.pose[None])
-            values = np.linalg.eigvalsh(C)
-            is_positive = values[0] >= -1e-9 * values[-1] and values[-1] > 0
-            if not np.allclose(C, C.T) or not is_positive:
-                raise ValueError(
-                    "holds no covariance; expected a symmetric, positive matrix"
-                )
+            check_covariance(self.covariance_total_mm_deg)
+            if self.covariance_mm_deg is not None:
+                check_covariance(self.covariance_mm_deg)
+
+
+def check_covariance(C: ndarray) -> None:
+    """Raises ValueError for what is no covariance (6, 6)."""
+    values = np.linalg.eigvalsh(check_array("its covariance", C, (6, 6)))
+    is_positive = values[0] >= -1e-9 * values[-1] and values[-1] > 0
+    if not np.allclose(C, C.T) or not is_positive:
+        raise ValueError("holds no covariance; expected a symmetric, positive matrix")
 
 
 def in_mm_deg(covariance: ndarray) -> ndarray:
@@ -152,16 +157,17 @@ def read_answer(path: str | Path) -> Answer:
         entries = json.loads(Path(path).read_bytes())
         to_hand = "T_base_sensor" in entries
         rows = entries["T_base_sensor" if to_hand else "T_flange_sensor"]
-        total = np.asarray(entries["covariance_total"], dtype=float)
+        near = entries.get("covariance")
+        made = entries.get("made") or {}
         return Answer(
             pose=np.asarray([*rows], dtype=float),  # null has no rows
-            covariance_total_mm_deg=total,
+            covariance_total_mm_deg=np.asarray(entries["covariance_total"], float),
             noise_mm=float(entries["noise_mm"]),
             mount=MOUNTS[to_hand],
             status=entries["status"],
             joint=Joint(**entries["joint"]) if entries.get("joint") else None,
-            covariance_mm_deg=np.asarray(entries["covariance"], dtype=float),
-            fingerprints=tuple(chain(*entries.get("made", {}).get("scans", ()))),
+            covariance_mm_deg=near and np.asarray(near, dtype=float),
+            fingerprints=tuple(chain(*made.get("scans", ()))),
         )
     except OSError as error:
         how = "; profilecal calibrate SCAN --json > T.json writes one"
@@ -170,7 +176,7 @@ def read_answer(path: str | Path) -> Answer:
     except ScanError as error:
         sentence = str(error).removeprefix("Answer: ").replace("[0]", "")
         raise ScanError(f"{path}: {sentence}") from error
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise ScanError(f"{path}: {EXPECTED}") from error
 
 

@@ -37,7 +37,7 @@ from profilecal.targets.observations import Observations
 def calibrate(
     scans: Scan | Iterable[Scan],
     guess: ArrayLike | RigidTransform | None = None,
-    guess_sd: tuple[float, float] = GUESS_SD,
+    guess_sd: tuple[float, float] | None = None,
 ) -> Calibration:
     """The sensor pose from one scan or several of one sensor.
 
@@ -52,9 +52,10 @@ def calibrate(
         Where the sensor is believed to be, mm; left out, what a scan has of it. The
         answer is compared with it, and rests on it where the scans leave it open, as
         `messages` then say.
-    guess_sd : (float, float)
+    guess_sd : (float, float), optional
         How good the guess is: standard deviations of each component, mm and degrees;
-        infinite where it is a start for the search and no more.
+        infinite where it is a start for the search and no more. Left out, what the scan
+        states whose guess it is, or 15 mm and 8°.
 
     Returns
     -------
@@ -67,6 +68,8 @@ def calibrate(
     ------
     ScanError
         For scans that do not belong together or hold too little.
+    ValueError
+        For a guess that is no pose, and a `guess_sd` without one.
     TypeError
         For what is no Scan: `Scan.of` and `read_scan` make one.
 
@@ -182,12 +185,17 @@ def with_mount(
 def mount_of(
     scans: Sequence[Scan],
     guess: ArrayLike | RigidTransform | None,
-    guess_sd: Sequence[float],
+    guess_sd: Sequence[float] | None,
 ) -> Mount | None:
     """What is known of the mount: a guess, or the first that a scan has."""
+    own_sd = GUESS_SD
     for scan in scans:
         if guess is None and scan.guess is not None:
-            guess, guess_sd = scan.guess, scan.guess_sd
+            guess, own_sd = scan.guess, scan.guess_sd
+    if guess_sd is None:
+        guess_sd = own_sd
+    elif guess is None:
+        raise ValueError(f"guess_sd is {guess_sd}, but no guess is given")
     if guess is None:
         return None
     if isinstance(guess, Scan):

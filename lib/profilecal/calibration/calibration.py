@@ -21,7 +21,7 @@ from profilecal.calibration.points import point_sd
 from profilecal.calibration.several_scans import prefixes
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import SMOOTH
-from profilecal.geometry.observability import name_direction
+from profilecal.geometry.observability import brief, name_direction
 from profilecal.joint.solution import Solution, column_names
 from profilecal.scan.scan import MOUNTS, Scan
 from profilecal.targets.observations import Observations
@@ -251,10 +251,11 @@ class Calibration:
         if self.is_known:
             rows = np.array2string(self.pose, precision=4, suppress_small=True)
             near = [*self.translation_sd_mm, *self.rotation_sd_deg]
+            total = self.sd_total_mm_deg
             lines += [
                 f"pose of the sensor in the {self.frame} frame, mm:\n{rows}",
-                f"one standard deviation, near these poses: {brief(near)}",
-                f"one standard deviation, elsewhere: {brief(self.sd_total_mm_deg)}",
+                f"one standard deviation, near these poses: {lengths_and_angles(near)}",
+                f"one standard deviation, elsewhere: {lengths_and_angles(total)}",
             ]
         lines += [shorten(message, 88) for message in self.messages[:7]]
         return "\n".join(lines)
@@ -293,9 +294,9 @@ class Calibration:
         return json.loads(json.dumps(entries, default=ndarray.tolist))
 
 
-def brief(mm_deg: Iterable[float]) -> str:
-    """Three lengths and three angles, two digits each."""
-    x, y, z, rx, ry, rz = (f"{value:.2g}" for value in mm_deg)
+def lengths_and_angles(mm_deg: Iterable[float]) -> str:
+    """Three of each, brief."""
+    x, y, z, rx, ry, rz = map(brief, mm_deg)
     return f"{x}  {y}  {z} mm, {rx}  {ry}  {rz}°"
 
 

@@ -19,7 +19,6 @@ from profilecal.calibration.evidence import Evidence, evidence
 from profilecal.calibration.observe import as_observations, observe
 from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import FALSE_ALARM, Noise, Systematic
-from profilecal.geometry.observability import HAND_PRECISION
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.prior import TYPICAL
 from profilecal.joint.problem import Problem
@@ -111,17 +110,28 @@ class MountCheck:
         these poses to show it with a chance of 90 %.
         """
         _, sd = self.alone_mm_deg()
+        return sd * np.sqrt(self.shown_square)
+
+    @property
+    def shown_square(self) -> float:
+        """What a move has to add to χ² to be shown with that chance."""
         square = chndtrinc(self.limit, self.count, 1 - POWER)
         # NaN for an enormous limit, from which it then hardly differs
-        return sd * np.sqrt(np.nan_to_num(square, nan=self.limit))
+        return float(np.nan_to_num(square, nan=self.limit))
+
+    @property
+    def tested(self) -> int:
+        """In how many of six directions these poses would show a move of the sensor
+        that is too small to be seen by hand, 10 mm and 5°.
+        """
+        says = self.moves.along(np.diag(self.by_hand)[:, :6])
+        squares = np.linalg.eigvalsh(says.information)
+        return int(np.count_nonzero(squares > self.shown_square))
 
     @property
     def is_conclusive(self) -> bool:
-        """Whether these poses show anything, or would show any move that is too small
-        to be seen by hand, 10 mm and 5°.
-        """
-        would_show = (self.seen_mm_deg < HAND_PRECISION * DEGREES).any()
-        return not self.as_expected or bool(would_show)
+        """Whether these poses show anything, or would in some direction."""
+        return not self.as_expected or self.tested > 0
 
     def __repr__(self) -> str:
         suspects = "" if self.as_expected else f", suspects={self.suspects}"

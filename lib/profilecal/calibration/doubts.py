@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from profilecal.geometry.observability import brief
 from profilecal.scan.scan import Scan
 
 # Poses in such a time, by a robot that is not so slow, are no stops.
@@ -29,9 +30,9 @@ def doubts_on_rest(scan: Scan) -> list[str]:
     speed = np.median(speeds)
     return [
         f"poses {np.median(seconds[near]):.2g} s apart, between which the robot moved "
-        f"at {speed:.2g} mm/s: were they recorded in motion? Then clocks that differ "
-        f"by 10 ms shift them by {speed / 100:.2g} mm, which these files do not show; "
-        "write the robot's poses to log.csv, and sweep and t of each profile"
+        f"at {brief(speed)} mm/s: were they recorded in motion? Then clocks that "
+        f"differ by 10 ms shift them by {brief(speed / 100)} mm, which these files do "
+        "not show; write the robot's poses to log.csv, and sweep and t of each profile"
     ]
 
 

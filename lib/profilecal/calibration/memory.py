@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from profilecal.geometry.observability import brief
 from profilecal.scan.tables import ScanError
 from profilecal.targets.observations import Observations
 
@@ -22,8 +23,8 @@ def check_memory(observed: Sequence[Observations]) -> None:
     memory = memory_limit()
     if needed > memory:
         raise ScanError(
-            f"{count} profiles take {needed / 1e9:.2g} GB of memory, of which there "
-            f"are {memory / 1e9:.2g}; {int(count * memory / needed)} would fit: "
+            f"{count} profiles take {brief(needed / 1e9)} GB of memory, of which there "
+            f"are {brief(memory / 1e9)}; {int(count * memory / needed)} would fit: "
             "thin them out"
         )
 

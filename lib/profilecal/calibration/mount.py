@@ -8,6 +8,7 @@ scanner turned by 180°. Beside a mount that is known roughly they show.
 
 import numpy as np
 from numpy import ndarray
+from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
@@ -57,12 +58,13 @@ def contradiction(solution: Solution, mount: Mount) -> str:
     shift, turn = pose_error(
         solution.rotation, solution.translation, mount.rotation, mount.translation
     ).reshape(2, 3)
+    said = (mount.sd[0], " mm"), (np.degrees(mount.sd[3]), "°")
+    good = " and ".join(f"{sd:.3g}{unit}" for sd, unit in said if np.isfinite(sd))
     return (
         f"the answer lies {np.linalg.norm(shift):.3g} mm and "
         f"{np.degrees(np.linalg.norm(turn)):.3g}° from the guess, "
-        f"which is said to be good to {mount.sd[0]:.3g} mm and "
-        f"{np.degrees(mount.sd[3]):.3g}°; it looks as if {', or as if '.join(causes)}; "
-        "no residual can tell"
+        f"which is said to be good to {good}; "
+        f"it looks as if {', or as if '.join(causes)}; no residual can tell"
     )
 
 
@@ -72,18 +74,23 @@ def explanations(solution: Solution, mount: Mount) -> list[str] | None:
     """
     R, T = solution.rotation, solution.translation
     offset, shown = shown_by(solution)
-    D = shown.directions[shown.sd < 1] / HAND_PRECISION
+    determined = shown.directions[shown.sd < 1]
+    is_said = np.isfinite(mount.sd)
+    # of these the combinations of which the mount says something
+    D = null_space(determined[:, ~is_said].T).T @ determined / HAND_PRECISION
+    if not len(D):
+        return None
     beside = solution.covariance_total - solution.covariance
-    C = shown.covariance + beside + np.diag(mount.sd**2)
+    C = shown.covariance + beside + np.diag(np.where(is_said, mount.sd, 0) ** 2)
 
     def agrees(rotation: ndarray, translation: ndarray, z_mm: float = 0.0) -> bool:
         """Whether chance explains how far a mount, of such a doubt along z, is from
-        what the residuals say, in the directions that they determine.
+        what the residuals say, in the directions that both tell.
         """
         error = D @ (pose_error(R, T, rotation, translation) - offset)
         doubt = D @ (C + np.diag([0, 0, z_mm**2, 0, 0, 0])) @ D.T
         chance = chdtrc(len(error), normalised_square(doubt, error))
-        return not chance <= FALSE_ALARM  # NaN for no directions
+        return bool(chance > FALSE_ALARM)
 
     delta = pose_error(R, T, mount.rotation, mount.translation)
     from_elsewhere = f"z of the profiles were about {delta[2]:+.0f} mm off"

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from profilecal.calibration.observe import Seen, as_observations
 from profilecal.geometry.noise import Noise
+from profilecal.geometry.observability import brief
 from profilecal.geometry.poses import inverse
 from profilecal.joint.descent import refine, search, search_among_outliers, thin
 from profilecal.joint.prior import FINEST_MM
@@ -70,7 +71,7 @@ def better_readings(scan: Scan, seen: Seen) -> list[str]:
     alike = [one for one in tried if one[0] < FAR_BETTER * best]
     words = " or ".join(words for *_, words, _ in alike)
     checks = "; ".join(dict.fromkeys(check for *_, check in alike))
-    residuals = f"the residuals are {best:.2g} mm instead of {stated:.2g} mm"
+    residuals = f"the residuals are {brief(best)} mm instead of {brief(stated)} mm"
     return [f"with {words} {residuals}; {checks}"]
 
 

@@ -16,7 +16,7 @@ from scipy.special import ndtri
 
 from profilecal.calibration.evidence import evidence
 from profilecal.geometry.noise import FALSE_ALARM, normalised_square
-from profilecal.geometry.observability import WEAK, of_covariance
+from profilecal.geometry.observability import WEAK, brief, of_covariance
 from profilecal.joint.prior import OF_SCANNER, Perturbation, of_target
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import LARGEST_ERROR_MM, LARGEST_REJECTED
@@ -166,12 +166,12 @@ def contradictions(solution: Solution) -> list[str]:
     misfit = np.sqrt(max(solution.chi2_per_dof, 0.0))  # below it is rounding
     if solution.noise_source == "given" and misfit > MUCH:
         messages.append(
-            f"the residuals are {misfit:.2g} times what the stated noise explains; "
+            f"the residuals are {brief(misfit)} times what the stated noise explains; "
             f"{ADVICE}"
         )
     if is_contradictory(solution):
         messages.append(
-            f"the data contradict each other by {error_mm(solution):.2g} mm, "
+            f"the data contradict each other by {brief(error_mm(solution))} mm, "
             f"more than a robot errs; {ADVICE}"
         )
     rejected = np.concatenate(solution.rejected)
@@ -225,6 +225,6 @@ def accusation(guilty: list[Finding]) -> str:
     return (
         f"the residuals look as if {causes} "
         f"({abs(guilty[0].clear):.0f} standard deviations), "
-        f"which would move the sensor by up to {shift_mm:.2g} mm and {turn_deg:.2g}°; "
-        f"{remedy}"
+        f"which would move the sensor by up to {brief(shift_mm)} mm and "
+        f"{brief(turn_deg)}°; {remedy}"
     )

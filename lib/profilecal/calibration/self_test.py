@@ -13,7 +13,7 @@ simulated with? Regions are made to hold at 99 % (`error_sizes.growth`), so some
 pattern that is tested (`plausibility`), what chance makes of such scans?
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import ndarray
@@ -22,11 +22,12 @@ from scipy.special import bdtr, ndtr, stdtr
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.plausibility import in_words, systematic_tests
+from profilecal.calibration.several_scans import prefixes
 from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import FALSE_ALARM, Noise, chi2_limit, normalised_square
-from profilecal.geometry.poses import pose_error
+from profilecal.geometry.poses import pose_error, rotations
 from profilecal.geometry.progress import watched
-from profilecal.joint.prior import BEND
+from profilecal.joint.prior import BEND, Mount, Prior
 from profilecal.joint.problem import FLANGE
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import solve
@@ -149,7 +150,7 @@ def self_test(found: Calibration, count: int = 100, seed: int = 1) -> SelfTest:
     squares, clear = [], []
     for _ in watched(range(count), "simulating scans"):
         observed = simulated(solution, columns, rng)
-        again = solve(observed, solution.prior, robust=False)
+        again = solve(observed, guessed_anew(solution, rng), robust=False)
         error = pose_error(
             again.rotation, again.translation, solution.rotation, solution.translation
         )
@@ -161,8 +162,9 @@ def self_test(found: Calibration, count: int = 100, seed: int = 1) -> SelfTest:
     # few scans hardly tell: what a calibration calls clear is clear here too
     by_chance = np.minimum(beyond(seen, np.array(clear)), 2 * ndtr(-np.abs(seen)))
     chances = dict(zip(words, by_chance.tolist(), strict=True))
-    for scan in found.scans:
-        chances |= bend_of_lines(scan, solution)
+    for name, scan in zip(prefixes(found.scans), found.scans, strict=True):
+        bends = bend_of_lines(scan, solution)
+        chances |= {name + words: chance for words, chance in bends.items()}
     return SelfTest(np.array(squares), chances)
 
 
@@ -247,6 +249,18 @@ def simulated(
         here = term.linearise(solution.state, placement)
         observed.append(term.seen_with(r, here).keep(kept))
     return observed
+
+
+def guessed_anew(solution: Solution, rng: Generator) -> Prior:
+    """The solution's prior; what is known of the mount is off as far as it may be."""
+    prior = solution.prior
+    if not prior.mount:
+        return prior
+    sd = prior.mount.sd
+    off = np.where(np.isfinite(sd), sd, 0) * rng.normal(size=6)
+    R, p = solution.rotation, solution.translation
+    drawn = Mount(R @ rotations(off[3:]), p + R @ off[:3], sd)
+    return replace(prior, mount=drawn)
 
 
 def drawn_sizes(solution: Solution, rng: Generator) -> Noise:

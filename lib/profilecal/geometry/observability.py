@@ -124,13 +124,18 @@ def name_direction(
     )
 
 
+def brief(value: float) -> str:
+    """Two digits, or a whole number; never 1e+02."""
+    return f"{value:.2g}" if abs(value) < 99.5 else f"{value:.0f}"
+
+
 def size_direction(sd: float, direction: ndarray) -> str:
     """The shift and the turn that a standard deviation along a direction (6,) consists
     of.
     """
     vectors = np.reshape(sd * direction * HAND_PRECISION, (2, 3))
     shift, turn = np.linalg.norm(vectors, axis=1)
-    sizes = f"{shift:.2g} mm", f"{np.degrees(turn):.2g}°"
+    sizes = f"{brief(shift)} mm", f"{brief(np.degrees(turn))}°"
     return " with ".join(sizes[k] for k in main_parts(direction))
 
 

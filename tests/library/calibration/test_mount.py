@@ -92,6 +92,29 @@ def test_a_guess_counts_that_only_a_scan_of_two_poses_has():
     assert len(found.scans) == 1
 
 
+@pytest.mark.parametrize(
+    ("sd", "good"), [((np.inf, 8), " to 8°;"), ((15, np.inf), " to 15 mm;")]
+)
+def test_a_guess_of_which_only_a_part_is_said_counts_with_that(sd, good):
+    scan, truth = pc.simulate("edge", seed=3, groups=12, positions=3)
+    guess = near(truth.pose, 3)
+    assert pc.calibrate(scan, guess, sd).status == "ok"
+    wrong = of_a_tool(scan) if sd[0] == 15 else WRONG["z of the profiles were negated"]
+    found = pc.calibrate(wrong if sd[0] == 15 else wrong(scan), guess, sd)
+    assert found.status == "weak"
+    assert good in found.messages[0]
+
+
+def test_how_good_a_guess_is_counts_whoever_has_the_guess():
+    scan, truth = pc.simulate("edge", seed=1)
+    off = truth.pose + np.eye(4, k=3) * [0, 0, 0, 20]
+    roughly = replace(scan, guess=off, guess_sd=(50, 8))
+    assert pc.calibrate(roughly).status == "ok"
+    assert pc.calibrate(roughly, guess_sd=(0.5, 8)).status == "weak"
+    with pytest.raises(ValueError, match="but no guess is given"):
+        pc.calibrate(scan, guess_sd=(0.5, 8))
+
+
 def test_a_guess_without_a_standard_deviation_is_refused():
     scan, truth = pc.simulate("edge", seed=1)
     with pytest.raises(ValueError, match="expected mm and degrees above 0"):

@@ -52,6 +52,22 @@ def test_a_fault_that_the_model_does_not_have_is_named(kind, change):
     assert f"do not look like theirs, but as if {test.strange[0]}" in test.sentence
 
 
+def test_what_rests_on_a_guess_errs_as_the_guess_may():
+    plan = {"groups": 6, "positions": 4, "spread_deg": 0.0, "noise": ERRING}
+    scan, truth = pc.simulate("edge", seed=2, **plan)
+    found = pc.calibrate(scan, truth.pose, (0.5, 0.2))
+    squares = pc.self_test(found, 20).squares
+    assert 3.5 < squares.mean() < 8.5  # of χ² with 6 degrees of freedom: 6 ± 0.8
+
+
+def test_lines_of_two_scans_are_judged_each_by_itself():
+    plan = PLANS["edge"] | {"seed": 3, "noise": ERRING}
+    one, two = (scan_of("edge", scan=number, **plan) for number in (1, 2))
+    test = pc.self_test(pc.calibrate([one, bent(two)]), 10)
+    bends = [words for words in test.chances if "the lines beside the edge" in words]
+    assert [words.split(": the")[0][-3:] for words in bends] == ["(1)", "(2)"]
+
+
 def test_a_self_test_is_the_same_again_and_refuses_too_few():
     found = calibration_of("ball", seed=2, noise=ERRING, **PLANS["ball"])
     one, other = (pc.self_test(found, 10, seed=4).squares for _ in range(2))

@@ -122,6 +122,14 @@ def test_an_answer_knows_its_own_scan_again_and_old_files_are_read(tmp_path):
     (tmp_path / "old.json").write_text(json.dumps(entries))
     old = pc.read_answer(tmp_path / "old.json")
     assert pc.check_mount(old, scan).as_expected
+    entries |= {"covariance": None, "made": None}
+    (tmp_path / "old.json").write_text(json.dumps(entries))
+    assert pc.verify(found, pc.read_answer(tmp_path / "old.json")).chance > 0.9
+    bad = tmp_path / "bad.json"
+    bad.write_text(json.dumps(entries | {"covariance": [1.0]}))
+    refused(r"its covariance has shape \(1,\)", bad, asked=pc.read_answer)
+    bad.write_text(json.dumps(entries | {"made": [1]}))
+    refused("not what `profilecal", bad, asked=pc.read_answer)
 
 
 @pytest.mark.parametrize("kind", ["edge", "plane"])

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.observability import (
     Spectrum,
+    brief,
     explain,
     name_axis,
     name_direction,
@@ -45,6 +46,11 @@ MOTIONS = {
     # the disk paper: all D equal
     "about the target's direction": ({"axis": "target"}, "axis"),
 }
+
+
+def test_a_size_in_a_sentence_has_no_exponent():
+    sizes = map(brief, (0.0123, 99.4, 99.6, -153.2, 2500.0))
+    assert [*sizes] == ["0.012", "99", "100", "-153", "2500"]
 
 
 def judged(kind, seed, scene_count, **choices):
