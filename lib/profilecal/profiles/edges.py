@@ -165,7 +165,7 @@ def of_usual_angle(
 def why_no_corner(runs: list[Run]) -> str:
     """What keeps a profile from showing a corner, as far as its straight runs tell."""
     if any(form_corner(*pair) for pair in pairwise(runs)):
-        few = f"fewer than {LEAST_SIDE} points beyond its rounding"
+        few = f"fewer than {LEAST_SIDE} points beyond the rounding"
         return f"one side of the corner shows {few}"
     if len(runs) == 1:
         return "one side of the corner shows too few points for a line"

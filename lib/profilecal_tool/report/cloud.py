@@ -89,7 +89,8 @@ def plot_cloud(cloud: Cloud, title: str) -> plt.Figure:
     axes["off"].set_xlabel("pose, counted without those left out")
     axes["off"].set_ylabel("off the target\n[mm rms]")
     rms = np.sqrt(np.mean(cloud.residuals**2))
-    figure.suptitle(f"{title}, put together from all poses: {rms:.2g} mm rms")
+    where = "put together from all poses"
+    figure.suptitle(f"{title}, {where}:\n{rms:.2g} mm rms from the target")
     return figure
 
 

@@ -262,12 +262,13 @@ def plot_patterns(found: Calibration) -> plt.Figure:
 
 
 def draw_patterns(places: Sequence[Axes], found: Calibration) -> None:
-    """Draw how far the points kept are off in z, each of eight parts with its mean,
-    over x, z, order and orientation.
+    """Draw how far the points kept are off in z, less the mean of all, each of eight
+    parts with its mean, over x, z, order and orientation.
     """
     along = [np.concatenate(parts) for parts in zip(*offsets(found), strict=True)]
     *over, off = along
-    limits = off.mean() + 3 * off.std() * np.array([-1, 1])
+    off = off - off.mean()  # a scale of z that is put back lifts all alike
+    limits = 3 * off.std() * np.array([-1, 1])
     some = slice(None, None, 1 + len(off) // 1500)
     for axes, name, values in zip(places, PATTERNS, over, strict=True):
         axes.plot(values[some], off[some], ".", ms=1.5, color="0.75")
