@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -154,21 +155,7 @@ def read_answer(path: str | Path) -> Answer:
     verify : whether a scan agrees with the answer.
     """
     try:
-        entries = json.loads(Path(path).read_bytes())
-        to_hand = "T_base_sensor" in entries
-        rows = entries["T_base_sensor" if to_hand else "T_flange_sensor"]
-        near = entries.get("covariance")
-        made = entries.get("made") or {}
-        return Answer(
-            pose=np.asarray([*rows], dtype=float),  # null has no rows
-            covariance_total_mm_deg=np.asarray(entries["covariance_total"], float),
-            noise_mm=float(entries["noise_mm"]),
-            mount=MOUNTS[to_hand],
-            status=entries["status"],
-            joint=Joint(**entries["joint"]) if entries.get("joint") else None,
-            covariance_mm_deg=near and np.asarray(near, dtype=float),
-            fingerprints=tuple(chain(*made.get("scans", ()))),
-        )
+        return answer_of(json.loads(Path(path).read_bytes()))
     except OSError as error:
         how = "; profilecal calibrate SCAN --json > T.json writes one"
         missing = isinstance(error, (FileNotFoundError, IsADirectoryError))
@@ -178,6 +165,26 @@ def read_answer(path: str | Path) -> Answer:
         raise ScanError(f"{path}: {sentence}") from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise ScanError(f"{path}: {EXPECTED}") from error
+
+
+def answer_of(entries: dict[str, Any]) -> Answer:
+    """The answer that `Calibration.to_json` gives the entries of; with those of `made`
+    it knows its measurements.
+    """
+    to_hand = "T_base_sensor" in entries
+    rows = entries["T_base_sensor" if to_hand else "T_flange_sensor"]
+    near = entries.get("covariance")
+    made = entries.get("made") or {}
+    return Answer(
+        pose=np.asarray([*rows], dtype=float),  # null has no rows
+        covariance_total_mm_deg=np.asarray(entries["covariance_total"], dtype=float),
+        noise_mm=float(entries["noise_mm"]),
+        mount=MOUNTS[to_hand],
+        status=entries["status"],
+        joint=Joint(**entries["joint"]) if entries.get("joint") else None,
+        covariance_mm_deg=near and np.asarray(near, dtype=float),
+        fingerprints=tuple(chain(*made.get("scans", ()))),
+    )
 
 
 def check_another(found: Answer, other: Scan | Answer) -> str:

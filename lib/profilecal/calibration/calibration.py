@@ -16,7 +16,7 @@ import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike
 
-from profilecal.calibration.answer import Answer, Joint, in_mm_deg, sample
+from profilecal.calibration.answer import Answer, answer_of, in_mm_deg, sample
 from profilecal.calibration.points import point_sd
 from profilecal.calibration.several_scans import prefixes
 from profilecal.geometry.checks import UnobservableError
@@ -79,16 +79,8 @@ class Calibration:
         """As `write_answer` writes it and `read_answer` reads it. Raises
         UnobservableError.
         """
-        return Answer(
-            pose=self.pose,
-            covariance_total_mm_deg=self.covariance_total_mm_deg,
-            noise_mm=self.noise_mm,
-            mount=self.mount,
-            status=self.status,
-            joint=Joint(**joint_entries(self.scans, self.solution)),
-            covariance_mm_deg=self.covariance_mm_deg,
-            fingerprints=tuple(chain.from_iterable(map(sample, self.scans))),
-        )
+        _ = self.known_solution
+        return answer_of(self.to_json() | {"made": self.made})
 
     @property
     def mount(self) -> str:
@@ -346,7 +338,12 @@ def target_entries(scans: Sequence[Scan], solution: Solution) -> Any:
 
 
 def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
-    """All that was found, by which `check_mount` predicts other poses."""
+    """All that was found, by which `check_mount` predicts other poses.
+
+    What `plausibility` adds to a covariance for an error that it finds is left out:
+    where the same poses are driven again the error is there again. At other poses it
+    may pass for a move.
+    """
     sizes = solution.error_sizes
     problem, prior = solution.problem, solution.prior
     shown = prior.scales.profile_mm if prior.source == "profiles" else solution.noise_mm

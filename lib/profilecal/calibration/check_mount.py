@@ -229,8 +229,8 @@ def moves_after(
     model: LinearModel, noise: Noise, mean: ndarray, V: ndarray, n: int
 ) -> Evidence:
     """What residuals say of steps of the first n unknowns, of all of which a
-    calibration left the mean and the covariance V, by the rows that speak of the flange
-    alone.
+    calibration left the mean and the covariance V. Residuals that no error of the
+    flange moves are taken off: they are of the target's shape.
 
     With V = L Lᵀ, x = x̄ + L ξ, ξ ~ N(0, 1), r becomes r + A x̄ and A becomes A L.
     """
@@ -239,9 +239,8 @@ def moves_after(
     normal = model.posterior(np.square([sizes])).products[0] - rest
     values, vectors = np.linalg.eigh(V)
     L = vectors * np.sqrt(np.maximum(values, 0))
-    A = np.eye(model.n + 1, model.n)  # of the columns [A | r], A
-    shifted = A @ mean
-    shifted[-1] = 1  # r + A x̄
-    columns = np.c_[A @ L, A[:, :n], shifted]
+    pick = np.eye(model.n + 1, model.n)  # A, of the columns [A | r]
+    shifted = np.append(mean, 1)  # r + A x̄
+    columns = np.c_[pick @ L, pick[:, :n], shifted]
     steps = slice(model.n, model.n + n)
     return evidence(columns.T @ normal @ columns, np.eye(model.n), steps)

@@ -44,8 +44,8 @@ class Evidence:
         return -self.slope / information, information**-0.5
 
     def left(self) -> float:
-        """The χ² that is left where all steps may be made, of which one unit is known
-        beforehand.
+        """The χ² that is left where all steps may be made, each with a standard
+        deviation of 1 beforehand.
         """
         known = self.information + np.eye(len(self.slope))
         return float(self.chi2 - self.slope @ np.linalg.solve(known, self.slope))

@@ -104,8 +104,8 @@ def robot_patterns() -> list[Perturbation]:
 
 
 def off_middle(T: ndarray, along: ndarray | float = 1.0) -> ndarray:
-    """Positions (P, 3) from their middle; of a unit vector along one of the axes, the
-    part along that.
+    """Positions (P, 3) from their middle, or the part of that `along` a unit vector of
+    the base.
     """
     return along * (T - T.mean(axis=0))
 
@@ -214,13 +214,13 @@ def clear_findings(findings: list[Finding]) -> list[Finding]:
 
 def accusation(guilty: list[Finding]) -> str:
     """What the residuals look like, and what it would do."""
-    most = max(guilty, key=lambda error: np.linalg.norm(error.moves[:3]))
+    most = max(guilty, key=lambda one: np.linalg.norm(one.moves[:3]))
     shift_mm = np.linalg.norm(most.moves[:3])
     turn_deg = np.degrees(np.linalg.norm(most.moves[3:]))
     sentences = [in_words(one.error, one.correction) for one in guilty[:4]]
     causes = ", or as if ".join(sentences)
     remedy = "the covariance is enlarged to match"
-    if max(error.not_allowed_for for error in guilty) < 0.5:
+    if max(one.not_allowed_for for one in guilty) < 0.5:
         remedy = ALLOWED
     return (
         f"the residuals look as if {causes} "

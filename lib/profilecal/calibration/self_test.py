@@ -214,9 +214,12 @@ def simulated(
     solution: Solution, columns: list[ndarray], rng: Generator
 ) -> list[Observations]:
     """One scan of each target as errors make it that are as large as the solution has
-    them, with the poses that it kept. `columns`: the problem's, in mm.
+    them, with the poses that it kept. `columns` (1, n + c + 7, K, P) for each target,
+    as `Problem.columns_in_mm` has them: the unknowns, the errors considered, the
+    residual, the flange's pose.
     """
     problem, noise = solution.problem, drawn_sizes(solution, rng)
+    # the clock is as the answer has it; single times are drawn below as jitter
     sizes = [0.0 if error.clock else size for error, size in problem.considered.items()]
     x = np.append(np.zeros(problem.n), sizes * rng.normal(size=len(sizes)))
     moved = np.zeros((len(problem.counts), 6))
@@ -228,8 +231,8 @@ def simulated(
         else:
             moved[:, 3:] += np.radians(errors)
     if noise.accuracy_mm:
-        left = solution.smooth.left
-        moved += noise.accuracy_mm * left @ rng.normal(size=left.shape[2])
+        patterns = solution.smooth.left  # (poses, 6, patterns)
+        moved += noise.accuracy_mm * patterns @ rng.normal(size=patterns.shape[2])
     observed = []
     parts = zip(
         problem.terms,

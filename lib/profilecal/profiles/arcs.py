@@ -171,11 +171,11 @@ def find_arc(profile: ndarray, kind: Kind) -> Feature:
 
     The search begins with a circle, which the kind's own curve refines.
     """
-    if len(profile) < LEAST_ARC_POINTS:
-        return nothing(f"{len(profile)} points; an arc needs {LEAST_ARC_POINTS}")
     rows, limit = surface(profile)
     if limit == LARGEST_TOLERANCE:
         return nothing("neighbouring points differ too much to be of one surface")
+    if len(rows) < LEAST_ARC_POINTS:
+        return nothing(f"{len(rows)} points; an arc needs {LEAST_ARC_POINTS}")
     points = profile[rows]
     circle = best_circle(points, limit, kind.largest * kind.radius)
     found = circle and refined(circle, points, limit, kind)

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from profilecal.profiles.runs import LARGEST_GAP, Run
 
-CLEAR = 5.0  # mm by which a run ends inside of the field of view, or is behind another
+CLEAR = 5.0  # mm from a border at which a run ends by itself
 # mm of a corner or a blade that rounding and the laser spot spoil; what is farther off
 # a line is a step
 BLUNT = 0.5
@@ -49,6 +49,8 @@ class View:
         z = np.concatenate(shown)[:, 1]
         usual_depth = np.median([np.ptp(own[:, 1]) for own in shown])
         sign = int(np.sign(z[0]))
+        # all z on one side of zero, and far from it for the depth of a profile: zero is
+        # at the scanner
         is_far = (sign * z > usual_depth / 2).all()
         return View(borders_of(shown), sign if is_far else 0)
 
@@ -161,8 +163,12 @@ def end_variance(ends: list[End]) -> float:
     the ends together show.
 
     Samples that come from anywhere within k spacings of their rays leave a number of
-    points on a run that has the variance k/6 (k ≥ 1). The two sides of a step then
-    alternate (k - 1)³ / 6k² times on average, which tells k.
+    points on a run that has the variance k/6 (k ≥ 1). With t the place among these
+    spacings, one sample is beyond the step and the next before it
+
+        ∫ (t / k) (1 - (t + 1) / k) dt = (k - 1)³ / 6k²,  t from 0 to k - 1
+
+    times on average, which tells k.
 
     Where M points of a side wall were taken off, the end is at 2 N - N', with N and
     N' = N + M points within one and two thresholds. If M is small, the same samples

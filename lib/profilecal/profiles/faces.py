@@ -56,8 +56,8 @@ def faces(profile: ndarray) -> list[Run]:
 def between_steps(run: Run, limit: float) -> list[ndarray]:
     """The rows of a run, cut where it steps off its line by more than `limit`, mm.
 
-    Steps back and forth, three or more of less than BLUNT, are none: black and white
-    are as far apart where they are printed.
+    Three steps or more, back and forth by less than BLUNT, do not cut: a scanner sees
+    such steps between black and white that are printed on a face.
     """
     steepest = 0.05  # of what is uneven
     k = 5  # points on either side of a step

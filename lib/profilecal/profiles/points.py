@@ -22,7 +22,7 @@ NOISE_LIMIT = 5.0
 LEAST_TOLERANCE = 0.1
 # mm; a profile that needs as much shows no surface
 LARGEST_TOLERANCE = 2.0
-# tolerances, rms, of points from the line or curve that they follow: twice the noise
+# tolerances, rms, of two runs' points from one line: twice the noise
 FOLLOWS = 2 / NOISE_LIMIT
 
 
@@ -51,7 +51,7 @@ def present(profile: ndarray) -> ndarray:
 
 
 def in_order(profile: ndarray) -> ndarray:
-    """The rows (k,) of a profile (n, 2) that the scanner saw, with x rising.
+    """The rows (k,) of a profile (n, 2) that the scanner saw, x rising but for folds.
 
     Steep faces, and steps seen at an angle, make x fold back: it then jumps back while
     it rises nearly everywhere. There the rows stay in scan order, which sorting would

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from raw_profiles import balls, disks, rods
 from scipy.differentiate import jacobian
 
-from profilecal.profiles.arcs import Section
+from profilecal.profiles.arcs import Section, find_balls
 
 
 @pytest.mark.parametrize("radius", [15.0, 40.0])
@@ -26,6 +26,13 @@ def test_a_step_is_no_ball():
     """A circle as large as the step touches the faces before it and behind it."""
     profiles, _ = disks(default_rng(4), 60)
     assert share_found(features_of("ball", profiles)) == 0
+
+
+def test_spikes_do_not_make_up_the_points_of_an_arc():
+    profile = np.c_[np.arange(20.0), np.full(20, 100.0)]
+    profile[9, 1] += 5
+    (feature,) = find_balls([profile], 25.0)
+    assert feature.reason == "19 points; an arc needs 20"
 
 
 @pytest.mark.parametrize("lean", [(0.0, 0.0), (0.0, 1.0), (-0.6, 0.3)])
