@@ -15,7 +15,7 @@ OF_POSE = 6  # numbers
 SIGNS = {
     "…": r"[^{};<>\n]*?",
     "⋮": r"[^{};<>]*?",
-    "^": r"^[ \t\d]*",
+    "^": r"^[ \t]*(?:\d+[ \t]+)?",
 }
 
 
@@ -34,7 +34,8 @@ def expression_of_line(line: str) -> re.Pattern:
             parts.append(SIGNS.get(token) or rf"\s*{re.escape(token)}\s*")
     if token[0] == "$":
         parts.append(r"(?!\w)")
-    return re.compile("".join(parts), re.IGNORECASE | re.MULTILINE)
+    expression = "".join(parts).removeprefix(r"\s*")  # it may begin no line earlier
+    return re.compile(expression, re.IGNORECASE | re.MULTILINE)
 
 
 def expression_of_name(name: str) -> str:
@@ -77,12 +78,11 @@ def without_remarks(text: str, robot: Robot) -> str:
 def program_blocks(path: Path, text: str) -> Iterator[Block]:
     """The tools, poses and uses in a program, of each maker that writes such lines."""
     for maker, robot in ROBOTS.items():
-        if robot.has not in text:
-            continue
         tables, rest = {}, without_remarks(text, robot)
-        for kind in ("tool", "pose", "uses"):
+        kinds = ("tool", "pose", "uses") if robot.has in text else ("tool",)
+        for kind in kinds:
             tables[kind], rest = matches_of(getattr(robot, kind), rest)
-        if robot.tools_are_poses:
+        if robot.tools_are_poses and "pose" in tables:
             tables["tool"] = tables["pose"]
         if not any(map(len, tables.values())):
             continue

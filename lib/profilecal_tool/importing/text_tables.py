@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -72,11 +73,12 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     between = mark.encode() if mark else None
     read = 0
     for line, count, place in runs_of_equal_fields(path, content, between):
-        rows = first_cells(content[place : place + BEGIN], between)[:count]
+        stream = BytesIO(content)
+        stream.seek(place)
+        rows = first_cells(islice(stream, min(count, HEAD)), between)
         first = row_where_numbers_begin(rows, decimal)
         if first is None:
             continue
-        stream = BytesIO(content)
         stream.seek(place)
         table = pandas.read_csv(
             stream,
@@ -140,11 +142,11 @@ def runs_of_equal_fields(
         yield first, line + 1 - first, place
 
 
-def first_cells(content: bytes, between: bytes | None) -> list[list[str]]:
-    """The cells of the first lines."""
-    lines = content.split(b"\n", HEAD)[:HEAD]
+def first_cells(lines: Iterable[bytes], between: bytes | None) -> list[list[str]]:
+    """The cells of lines."""
     rows = [line.strip(MARKS).split(between) for line in lines]
-    return [[cell.decode(errors="ignore").strip(" \"'\r") for cell in r] for r in rows]
+    outer = " \"'\r\n"
+    return [[cell.decode(errors="ignore").strip(outer) for cell in r] for r in rows]
 
 
 def row_where_numbers_begin(rows: Sequence[Sequence[str]], decimal: str) -> int | None:

@@ -33,6 +33,7 @@ from profilecal.scan.tables import ScanError
 from profilecal_tool.importing.import_scan import Layout, import_scan
 from profilecal_tool.importing.makers import ROBOTS, robots_in
 from profilecal_tool.importing.program_lines import matches_of, program_blocks
+from profilecal_tool.importing.text_tables import text_blocks
 
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "60"))
 
@@ -407,12 +408,27 @@ def test_profiles_have_their_poses(name, tmp_path):
         )
 
 
+@pytest.mark.parametrize("shape", [(12, 1280), (2, 8000)])
+def test_rows_may_be_as_long_as_they_are(shape):
+    numbers = default_rng(3).uniform(90, 110, shape)
+    content = "\n".join(map(text, numbers)).encode()
+    (block,) = text_blocks(Path("z.csv"), content)
+    assert_allclose(block.table, numbers, atol=1e-9)
+
+
 # what poses are of; what is done to a program, and what is then said
 
 
 def noted(folder):
     people.csv(folder)
     (folder / "cell.txt").write_text("Cell 4\nThe TCP is the tip of the gripper\n")
+
+
+def listed_frames(folder):
+    """A FANUC's program, and the tools' frames in a listing beside it."""
+    people.fanuc(folder, tool=3)
+    lines = ["[1,3] =", "  Group: 1", "  X: 12.0 Y: -35.0 Z: 180.0"]
+    write_lines(folder / "FRAMES.DG", [*lines, "  W: 10.0 P: -20.0 R: 30.0"])
 
 
 TOOLS = {
@@ -436,6 +452,11 @@ TOOLS = {
         people.mitsubishi,
         ("10 MVS", "5 Tool 1\n10 MVS"),
         "1, whose frame is not here",
+    ),
+    "listed frames": (
+        listed_frames,
+        None,
+        "3 at [12.0, -35.0, 180.0], taken off",
     ),
     "FANUC's": (people.fanuc, ("UT : 0", "UT : 3", 12), "3, whose frame is not here"),
 }
@@ -687,10 +708,21 @@ def test_each_line_of_the_table_has_an_example_that_is_read():
         for line, example in zip(robot.pose, robot.examples, strict=True):
             table, _ = matches_of([line], example)
             assert len(table.dropna(axis=1)) == 1, line
+            if begin := re.search(r"(\w*)\$name", line):
+                whole = rf"(?<!\w){begin[1]}{re.escape(table['name'].iloc[0])}(?!\w)"
+                assert re.search(whole, example), line
         text = "\n".join([robot.has, *robot.examples])
         blocks = [b for b in program_blocks(Path(), text) if b.kind == "pose"]
         (own,) = (block for block in blocks if block.robot == maker)
         assert len(own.table) == len(robot.examples)
+
+
+def test_a_pattern_takes_a_whole_name_and_stands_in_its_own_line():
+    table, _ = matches_of(["^$name MOVEX $x"], "7 10 MOVEX 3\n\n120 MOVEX 5")
+    assert table["name"].tolist() == ["10", "120"]
+    assert table.index.tolist() == [1, 3]
+    table, _ = matches_of(["{X $x}"], "home\n\n  {X 5}")
+    assert table.index.tolist() == [3]
 
 
 ROW = {
