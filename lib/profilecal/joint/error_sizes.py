@@ -133,7 +133,7 @@ def likeliest(
         step[outward] = 0.0
         if uphill @ step / 2 < tolerance:
             break
-        step = step * min(1.0, 1 / np.abs(step).max())
+        step = step * min(1.0, 1.5 / np.abs(step).max())
         here = look(y + step)
         while here[0] < h:
             step = step / 2
@@ -240,8 +240,10 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     w = softmax(draws.log_weight)
     mean = w @ draws.x
     off = draws.x - mean
-    squares = draws.covariance + off[:, :, None] * off[:, None]
-    covariance = np.tensordot(w, squares, 1) * growth(squares[:, :6, :6], w)
+    covariance = np.tensordot(w, draws.covariance, 1) + off.T * w @ off
+    of_pose = off[:, :6]
+    squares = draws.covariance[:, :6, :6] + of_pose[:, :, None] * of_pose[:, None]
+    covariance *= growth(squares, w)
 
     names = ("profile_mm", *model.names)
     units = np.r_[prior.scales.profile_mm, np.ones(len(model.names))]

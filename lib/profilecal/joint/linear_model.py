@@ -36,8 +36,11 @@ Up, for a group with the sum [J | c] of its members, s = √S:
 
     M = 1 + s J s = L Lᵀ   K = s M⁻¹ s      log |C| = Σ log |D_i| + Σ log |M|
 
-It leaves [W_E | W_Z] - W_E K [J | c] of their rows, whose sums with W_E are [J | c] of
-the next coarser groups.
+Of what it says, K [J | c] takes its part, and the next coarser group has the sum of
+
+    [J | c] - J K [J | c] = s⁻¹ M⁻¹ s [J | c]
+
+over its members, of which the right side loses no digits.
 
 Down, from b = 0 above the coarsest: b is the mean of all errors that a group's members
 share, for each column of Z, and Q their covariance, with T = 1 - K J,
@@ -50,7 +53,7 @@ share, for each column of Z, and Q their covariance, with T = 1 - K J,
 The last line is a sum of squares: the shorter Σ Zᵀ D⁻¹ Z - Σ cᵀ K c loses digits.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -61,12 +64,12 @@ from scipy.linalg import block_diag
 
 from profilecal.geometry.noise import SMOOTH
 from profilecal.geometry.observability import HAND_PRECISION
-from profilecal.joint.nesting import Level, nesting
+from profilecal.joint.nesting import Level, Nesting, nesting
 from profilecal.joint.smooth import SmoothErrors
 from profilecal.targets.observations import PoseGroups
 
 ROUNDING = 1e-13  # of the largest entry of a matrix of products
-AT_ONCE = 25_000  # numbers of the rows of several sets: what a cache holds
+AT_ONCE = 100_000  # numbers of the rows of several sets: what a cache holds
 
 
 @dataclass(frozen=True)
@@ -75,50 +78,48 @@ class Node:
 
     level: Level
     J: ndarray  # (S, G, 6, 6)
-    s: ndarray  # (S, 1, 6)
-    root: ndarray  # (S, G, 6, 6) L⁻¹ of M
-
-    @cached_property
-    def K(self) -> ndarray:
-        """(S, G, 6, 6)."""
-        scaled = self.root * self.s[:, :, None]
-        return scaled.mT @ scaled
+    s: ndarray  # (S, 1, 6, 1)
+    Ms: ndarray  # (S, G, 6, 6) M⁻¹ s
 
 
 @dataclass(frozen=True)
 class Factors:
-    """C for S sets of variances, by its structure."""
+    """C for S sets of variances, by its structure: of each bundle of profiles, and of
+    each level of groups.
+    """
 
+    nesting: Nesting
+    bundles: list[tuple[ndarray, ndarray]]
     log_det: ndarray  # (S,) log |C|
-    root: ndarray  # (S, profiles, q, q) L⁻¹ of D
-    W_E: ndarray  # (S, profiles, q, 6)
-    nodes: list[Node]  # from fine to coarse
+    roots: list[ndarray]  # (S, b, Q, q, q) L⁻¹ of D
+    W_E: list[ndarray]  # (S, b, Q q, 6)
+    nodes: list[Node]  # from coarse to fine
 
-    def solve(self, Z: ndarray) -> tuple[ndarray, ndarray]:
-        """Zᵀ C⁻¹ Z (S, columns, columns) and Lᵀ C⁻¹ Z (S, profiles, q, columns) of rows
-        Z (profiles, q, columns).
+    def solve(self, rows: Iterable[ndarray]) -> tuple[ndarray, list[ndarray]]:
+        """Zᵀ C⁻¹ Z (S, columns, columns), and of each bundle Lᵀ C⁻¹ Z (S, b, Q q,
+        columns), for its rows Z (b, Q, q, columns).
         """
-        left = self.root @ Z
-        sums_of: list[ndarray] = []
-        rows = left
-        for node in self.nodes:
-            c = node.level.sums(self.W_E, rows)
-            if node is not self.nodes[-1]:
-                rows = node.level.without(self.W_E, node.K @ c, rows)
-            sums_of.append(c)
+        left = []
+        for W_E, root, Z in zip(self.W_E, self.roots, rows, strict=True):
+            left.append((root @ Z).reshape(*W_E.shape[:3], -1))
+        S, columns = len(self.log_det), left[0].shape[-1]
+        b = np.zeros((S, self.nesting.count, self.W_E[0].shape[-1], columns))
+        c = np.zeros_like(b)
+        for (groups, _), W_E, W in zip(self.bundles, self.W_E, left, strict=True):
+            c[:, groups] += W_E.mT @ W
+        for node in self.nodes[:0:-1]:
+            beta = node.Ms @ c[:, node.level.groups]
+            node.level.add_to_parents(c, beta / node.s)
 
-        S, columns = len(left), Z.shape[-1]
         products = np.zeros((S, columns, columns))
-        b = np.zeros((S, 1, self.W_E.shape[-1], columns))
-        for node, c in zip(self.nodes[::-1], sums_of[::-1], strict=True):
-            above = b[:, node.level.parents]
-            scaled = node.s[..., None] * (c - node.J @ above)
-            beta = node.root.mT @ (node.root @ scaled)
+        for node in self.nodes:
+            groups, above = node.level.groups, b[:, node.level.parents]
+            beta = node.Ms @ (c[:, groups] - node.J @ above)
+            b[:, groups] = above + node.s * beta
             products += squares(beta)
-            moves = node.s[..., None] * beta
-            left = node.level.without(self.W_E, moves, left)
-            b = above + moves
-        products += squares(left)
+        for (groups, _), W_E, W in zip(self.bundles, self.W_E, left, strict=True):
+            W -= W_E @ b[:, groups]
+            products += squares(W)
         return products, left
 
 
@@ -135,8 +136,8 @@ class Posterior:
     units: ndarray  # (S, n + 1) of x and r, in which Π is the precision
     log_det: ndarray  # (S,) log |C|
     # of the rows that speak of the flange, if there are any, for the last sets: C, and
-    # Lᵀ C⁻¹ [A | r]
-    last: list[tuple[Factors, ndarray]]
+    # Lᵀ C⁻¹ [A | r] of each bundle
+    last: list[tuple[Factors, list[ndarray]]]
 
     @cached_property
     def covariance(self) -> ndarray:
@@ -226,17 +227,15 @@ class LinearModel:
         self.smooth = smooth if len(fresh) < len(names) else None
         self.of_smooth = slice(self.n - tried, self.n - tried)  # their columns
         if self.smooth:
-            self.add_smooth(self.smooth.left.shape[2])
+            self.add_smooth(self.smooth.count)
         numbers = [groups.sharing(name) for name in fresh]
-        self.order, self.own_errors, self.levels = nesting(len(counts), numbers)
+        self.nesting = nesting(len(counts), numbers)
         self.kept = np.ones(len(counts), dtype=bool)
-        self.arrange()
 
     def add_smooth(self, count: int) -> None:
         """Make room for the columns of smooth errors, before those of errors tried."""
         n = self.of_smooth.start
         self.of_smooth = slice(n, n + count)
-        self.Y = np.insert(self.Y, [n] * count, 0.0, axis=2)
         self.n += count
         self.plain = np.delete(np.arange(self.n + 1), self.of_smooth)
         of_mount = np.zeros((self.n + 1, self.n + 1))
@@ -245,36 +244,52 @@ class LinearModel:
         known = self.precision
         self.precision = block_diag(known[:n, :n], np.eye(count), known[n:, n:])
 
-    def arrange(self) -> None:
-        """Put the rows of the profiles kept, [E | Y], in the order of the groups, with
-        zeros for the others; and write out the errors that are a profile's own, parts
-        of its D.
-        """
-        if self.smooth:
-            self.Y = self.Y.copy()
-            self.Y[..., self.of_smooth] = self.E[..., :6] @ self.smooth.left
-        kept = self.kept[self.order][:, None, None]
-        self.rows = np.concatenate([self.E, self.Y], axis=2)[self.order] * kept
-        E = self.rows[..., : self.axes]
-        # which of v they are
-        self.of_own = [0]
-        parts = [np.broadcast_to(np.eye(self.q), (len(E), self.q, self.q))]
-        for errors, alone in self.own_errors:
-            E_alone = E * alone[:, None, None]
-            for error in errors:
-                self.of_own.append(error)
-                parts.append(E_alone * self.units[error] @ E_alone.mT)
-        self.own_parts = np.array(parts)  # (errors, profiles, q, q)
-        self.sum_rest()
-
     def keeping(self, kept: ndarray) -> "LinearModel":
         """The model of some of its profiles (profiles,) only."""
         other = copy(self)
         other.kept = kept
-        if self.smooth:
-            other.smooth = self.smooth.keeping(kept)
-        other.arrange()
+        for name in ("rows", "bundles", "rest_of_kept"):
+            vars(other).pop(name, None)
         return other
+
+    @cached_property
+    def rows(self) -> ndarray:
+        """[E | A | r] (profiles + 1, q, 6 + n + 1), zeros in the last, which is of no
+        profile.
+        """
+        a = self.axes
+        rows = np.zeros((len(self.E) + 1, self.q, a + self.n + 1))
+        rows[:-1, :, :a] = self.E
+        rows[:-1, :, a + self.plain] = self.Y
+        if self.smooth:
+            smooth = self.smooth
+            if not self.kept.all():
+                smooth = smooth.keeping(self.kept)
+            of_smooth = slice(a + self.of_smooth.start, a + self.of_smooth.stop)
+            rows[:-1, :, of_smooth] = smooth.rows(self.E[..., :6])
+        return rows
+
+    @cached_property
+    def own_parts(self) -> ndarray:
+        """Parts (errors, profiles + 1, q, q) of each profile's D: of the scanner's
+        noise, and of errors that no other profile shares.
+        """
+        parts = [np.broadcast_to(np.eye(self.q), (len(self.E) + 1, self.q, self.q))]
+        for errors, alone in self.nesting.own:
+            E = np.append(self.E * alone[:, None, None], 0 * self.E[:1], axis=0)
+            parts += [E * self.units[error] @ E.mT for error in errors]
+        return np.array(parts)
+
+    @cached_property
+    def of_own(self) -> ndarray:
+        """Which of v they are."""
+        return np.concatenate([[0], *(errors for errors, _ in self.nesting.own)])
+
+    @cached_property
+    def bundles(self) -> list[tuple[ndarray, ndarray]]:
+        """Of the profiles kept, as `Nesting.bundles` has them."""
+        numbers = self.q * (self.axes + self.n + 1)
+        return self.nesting.bundles(self.kept, max(1, AT_ONCE // numbers))
 
     def with_errors(self, times: ndarray) -> "LinearModel":
         """The same where errors may be so many times (n,) as large."""
@@ -287,43 +302,59 @@ class LinearModel:
         do not count: no residuals share anything.
         """
         other = copy(self)
-        rest = np.zeros((*self.rest.shape[:2], self.n + 1))
-        rest[..., self.plain] = self.rest
-        other.rest = np.concatenate([rest, self.Y], axis=1)
-        other.plain = np.arange(self.n + 1)
-        other.rows, other.own_parts = self.rows[:0], self.own_parts[:, :0]
-        other.levels = []
-        other.sum_rest()
+        products, _ = self.rest_of_kept
+        for rows in self.parts(slice(self.axes, None)):
+            products = products + squares(rows[None])[0]
+        other.rest_of_kept = products, int(self.counts[self.kept].sum())
+        other.bundles = []
         return other
 
-    def sum_rest(self) -> None:
-        """Sum up the products (n + 1, n + 1) of all that no error of the flange moves,
-        and how many residuals it is. Rows of zeros were counted among the others and
-        are taken off here.
+    def parts(self, columns: slice) -> Iterator[ndarray]:
+        """Columns of the rows of each bundle, (b, Q, q, columns)."""
+        for _, profiles in self.bundles:
+            yield self.rows[profiles][..., columns]
+
+    @cached_property
+    def rest_of_kept(self) -> tuple[ndarray, int]:
+        """The products (n + 1, n + 1) of all that no error of the flange moves, and how
+        many residuals it is. Rows of zeros count among the others and are taken off
+        here.
         """
-        count = int(self.counts[self.kept].sum()) - len(self.rows) * self.q
+        rows = self.q * sum(profiles.size for _, profiles in self.bundles)
         products = np.zeros((self.n + 1, self.n + 1))
         plain = np.ix_(self.plain, self.plain)
         products[plain] = squares(self.rest[None, self.kept])[0]
-        self.rest_of_kept = products, count
+        return products, int(self.counts[self.kept].sum()) - rows
 
     def factors(self, v: ndarray) -> Factors:
-        """C of the rows, in the order of the groups, for variances v (S, 1 + k)."""
-        one = np.eye(self.axes)
-        root, log_det = inverse_root(np.tensordot(v[:, self.of_own], self.own_parts, 1))
-        W_E = root @ self.rows[..., : self.axes]
-        nodes: list[Node] = []
-        rows = W_E
-        for level in self.levels[::-1]:
-            J = level.sums(W_E, rows)
-            s = np.sqrt(v[:, level.errors] @ self.units[level.errors])[:, None]
-            M_root, of_groups = inverse_root(one + s[..., None] * J * s[:, :, None])
+        """C of the rows for variances v (S, 1 + k)."""
+        S, a = len(v), self.axes
+        J = np.zeros((S, self.nesting.count, a, a))
+        log_det = np.zeros(S)
+        roots, all_W_E, nodes = [], [], []
+        of_own = v[:, self.of_own]
+        for groups, profiles in self.bundles:
+            D = np.tensordot(of_own, self.own_parts[:, profiles], 1)
+            root, of_profiles = inverse_root(D.reshape(S, -1, self.q, self.q))
+            root = root.reshape(D.shape)
+            W_E = (root @ self.rows[profiles, :, :a]).reshape(S, len(groups), -1, a)
+            J[:, groups] += W_E.mT @ W_E
+            log_det += of_profiles
+            roots.append(root)
+            all_W_E.append(W_E)
+        for level in self.nesting.levels[::-1]:
+            of_level = J[:, level.groups]
+            # above zero: what is shared is divided by it
+            s = np.sqrt(v[:, level.errors] @ self.units[level.errors]) + 1e-100
+            s = s[:, None, :, None]
+            root, of_groups = inverse_root(np.eye(a) + s * of_level * s.mT)
             log_det += of_groups
-            node = Node(level, J, s, M_root)
-            nodes.append(node)
-            if level is not self.levels[0]:
-                rows = level.without(W_E, node.K @ J, rows)
-        return Factors(log_det, root, W_E, nodes)
+            Ms = root.mT @ root * s.mT
+            nodes.append(Node(level, of_level, s, Ms))
+            if level is not self.nesting.levels[0]:
+                level.add_to_parents(J, Ms @ of_level / s)
+        bundles = self.bundles
+        return Factors(self.nesting, bundles, log_det, roots, all_W_E, nodes[::-1])
 
     def posterior(self, v: ndarray) -> Posterior:
         """What is known of x for variances v (S, 1 + k), the scanner's first."""
@@ -331,12 +362,14 @@ class LinearModel:
         rest, count = self.rest_of_kept
         N = rest / v0[:, None, None] + self.of_mount
         log_det = count * np.log(v0)
-        some = max(1, AT_ONCE // max(1, self.rows.size))
+        numbers = sum(profiles.size for _, profiles in self.bundles)
+        numbers *= self.q * (self.axes + self.n + 1)
+        some = max(1, AT_ONCE // max(1, numbers))
         last = []
-        for start in range(0, len(v) * bool(len(self.rows)), some):
+        for start in range(0, len(v) * bool(self.bundles), some):
             part = slice(start, start + some)
             factors = self.factors(v[part])
-            products, left = factors.solve(self.rows[..., self.axes :])
+            products, left = factors.solve(self.parts(slice(self.axes, None)))
             N[part] += products
             log_det[part] += factors.log_det
             last = [(factors, left)]
@@ -401,6 +434,8 @@ class LinearModel:
 
             ∂L/∂v_k = -(tr P M_k - wᵀ M_k w) / 2
             I = Fᵀ P F / 2 = (Fᵀ C⁻¹ F - (Aᵀ C⁻¹ F)ᵀ V (Aᵀ C⁻¹ F)) / 2
+
+        For smooth errors I_kk is the curvature itself, wᵀ M P M w - tr(P M P M) / 2.
         """
         n, v = self.n, posterior.v
         V = posterior.covariance[0]
@@ -419,66 +454,80 @@ class LinearModel:
         if self.smooth:
             N = posterior.products[0]
             N_A, f = N[self.of_smooth, :n], N[self.of_smooth] @ x
-            slope[-1] = np.trace(N_A[:, self.of_smooth] - N_A @ V @ N_A.T) - f @ f
+            P = N_A[:, self.of_smooth] - N_A @ V @ N_A.T
+            slope[-1] = np.trace(P) - f @ f
             across[:, -1] = N_A.T @ f
             within[-1] = within[:, -1] = f @ across[self.of_smooth]
-        return -slope / 2, (within - across.T @ V @ across) / 2
+        information = (within - across.T @ V @ across) / 2
+        if self.smooth:
+            information[-1, -1] += f @ P @ f / 2 - np.sum(P**2) / 2
+        return -slope / 2, information
 
     def add_rows(
         self, posterior: Posterior, slope: ndarray, within: ndarray, across: ndarray
     ) -> None:
         """Add what the rows that speak of the flange say, as in `gradient`."""
-        n, V, k = self.n, posterior.covariance[0], len(slope)
+        n, a, V, k = self.n, self.axes, posterior.covariance[0], len(slope)
         ((factors, _),) = posterior.last
-        P, CA, w = self.precisions(posterior)
-        less = P - w[:, :, None] * w[:, None]
-        slope[self.of_own] += np.tensordot(self.own_parts, less, 3)
-        F = np.zeros((*w.shape, k))  # M_k w
-        F[..., self.of_own] = np.moveaxis(
-            (self.own_parts @ w[..., None])[..., 0], 0, -1
-        )
-        E = self.rows[..., : self.axes]
-        by_profile = np.concatenate([CA, w[..., None]], axis=2)
-        for node, Q in self.covariances_of_shared(factors):
+        sums = np.zeros((1, self.nesting.count, a, n + 1))  # Σ E_iᵀ [C⁻¹ A | w]
+        of_bundles = []
+        for (groups, profiles), P, CA, w in self.precisions(posterior):
+            parts = self.own_parts[:, profiles]
+            less = P - w[..., None] * w[..., None, :]
+            slope[self.of_own] += np.tensordot(parts, less, 4)
+            F = np.zeros((*w.shape, k))  # M_k w
+            F[..., self.of_own] = np.moveaxis((parts @ w[..., None])[..., 0], 0, -1)
+            E = self.rows[profiles, :, :a]
+            both = np.concatenate([CA, w[..., None]], axis=-1)
+            flat = (part.reshape(len(groups), -1, part.shape[-1]) for part in (E, both))
+            E_flat, both = flat
+            sums[0, groups] += E_flat.mT @ both
+            of_bundles.append((groups, E, CA, F))
+        for node in factors.nodes[:0:-1]:
+            node.level.add_to_parents(sums, sums[:, node.level.groups])
+        all_Q = self.covariances_of_shared(factors)
+        moves = np.zeros((self.nesting.count, a, k))
+        for node in factors.nodes:
             level, J = node.level, node.J[0]
             units = self.units[level.errors]
-            (sums,) = level.sums(E[None], by_profile[None])
-            EA, f = sums[..., :n], sums[..., n]
-            EPE = J - J @ Q @ J - EA @ V @ EA.mT
-            diagonal = np.einsum("gjj->j", EPE) - np.sum(f**2, axis=0)
+            EA, f = np.split(sums[0, level.groups], [n], axis=2)
+            EPE = J - J @ all_Q[level.groups] @ J - EA @ V @ EA.mT
+            diagonal = np.einsum("gjj->j", EPE) - np.sum(f**2, axis=(0, 2))
             slope[level.errors] += units @ diagonal
-            by_flange = np.zeros((len(E), self.axes))
-            by_flange[level.members] = f[level.number]
-            F[..., level.errors] += E @ (by_flange[:, None] * units).mT
-        within += factors.solve(F)[0][0]
-        across += CA.reshape(-1, n).T @ F.reshape(-1, k)
+            moves[level.groups] = moves[level.parents]
+            moves[level.groups, :, level.errors] = f * units.T
+        rows = []
+        for groups, E, CA, F in of_bundles:
+            F += E @ moves[groups, None]
+            across += CA.reshape(-1, n).T @ F.reshape(-1, k)
+            rows.append(F)
+        within += factors.solve(rows)[0][0]
 
-    def precisions(self, posterior: Posterior) -> tuple[ndarray, ndarray, ndarray]:
-        """P_ii (profiles, q, q), C⁻¹ A (profiles, q, n) and w = P r (profiles, q) of
-        the rows of each profile, in the order of the groups, for one set of variances.
+    def precisions(
+        self, posterior: Posterior
+    ) -> Iterator[tuple[tuple[ndarray, ndarray], ndarray, ndarray, ndarray]]:
+        """Of each bundle: it; P_ii (b, Q, q, q), C⁻¹ A (b, Q, q, n) and w = P r (b, Q,
+        q) of the rows of its profiles, for one set of variances.
         """
         ((factors, left),) = posterior.last
-        root, W_E = factors.root[0], factors.W_E[0]
-        Q = np.zeros((len(root), self.axes, self.axes))
-        for node, of_groups in self.covariances_of_shared(factors):
-            Q[node.level.members] = of_groups[node.level.number]
-        inverse = root.mT @ (np.eye(self.q) - W_E @ Q @ W_E.mT) @ root
-        X = root.mT @ left[0]
-        CA = X[..., :-1]
-        P = inverse - CA @ posterior.covariance[0] @ CA.mT
-        return P, CA, X @ np.append(posterior.mean[0], 1.0)
+        V, x = posterior.covariance[0], np.append(posterior.mean[0], 1.0)
+        Q = self.covariances_of_shared(factors)
+        known = factors.bundles, factors.roots, factors.W_E, left
+        for bundle, (root, *_), (W_E, *_), (rows, *_) in zip(*known, strict=True):
+            W_E = W_E.reshape(*root.shape[:-1], -1)
+            inside = np.eye(self.q) - W_E @ Q[bundle[0], None] @ W_E.mT
+            X = root.mT @ rows.reshape(*root.shape[:-1], -1)
+            CA = X[..., :-1]
+            yield bundle, root.mT @ inside @ root - CA @ V @ CA.mT, CA, X @ x
 
-    def covariances_of_shared(self, factors: Factors) -> list[tuple[Node, ndarray]]:
-        """Each node, from coarse to fine, with Q (G, 6, 6), for one set of
-        variances.
-        """
-        Q = np.zeros((1, self.axes, self.axes))
-        of_nodes = []
-        for node in factors.nodes[::-1]:
-            T = np.eye(self.axes) - node.K[0] @ node.J[0]
-            Q = node.K[0] + T @ Q[node.level.parents] @ T.mT
-            of_nodes.append((node, Q))
-        return of_nodes
+    def covariances_of_shared(self, factors: Factors) -> ndarray:
+        """Q (groups, 6, 6), for one set of variances."""
+        Q = np.zeros((self.nesting.count, self.axes, self.axes))
+        for node in factors.nodes:
+            K = (node.s * node.Ms)[0]
+            T = np.eye(self.axes) - K @ node.J[0]
+            Q[node.level.groups] = K + T @ Q[node.level.parents] @ T.mT
+        return Q
 
     def own(self, v: ndarray) -> ndarray:
         """Covariances (profiles, q, q) of the rows of each profile by itself, for
@@ -490,7 +539,8 @@ class LinearModel:
         """What each profile by itself says of the unknowns, (profiles, n + 1, n + 1):
         [A | r]ᵀ C⁻¹ [A | r], in the posterior's units.
         """
-        whole = self.Y.mT @ np.linalg.solve(self.own(v), self.Y)
+        Y = self.rows[:-1, :, self.axes :]
+        whole = Y.mT @ np.linalg.solve(self.own(v), Y)
         plain = np.ix_(range(len(whole)), self.plain, self.plain)
         whole[plain] += self.rest.mT @ self.rest / v[0]
         units = self.units_of(v[None])[0]
@@ -512,16 +562,16 @@ class LinearModel:
         a Gaussian of precision P, given the rest of it (Christensen, Pearson and
         Johnson 1992).
         """
-        A = self.Y[:, :, : self.n]
-        errors = self.Y @ np.append(posterior.mean[0], 1.0)
+        Y = self.rows[:-1, :, self.axes :]
+        A = Y[:, :, : self.n]
+        errors = Y @ np.append(posterior.mean[0], 1.0)
         covariances = self.own(posterior.v[0]) + A @ posterior.covariance[0] @ A.mT
         if posterior.last:
-            P, _, w = self.precisions(posterior)
-            kept = self.kept[self.order]
-            profiles = self.order[kept]
-            covariance = np.linalg.pinv(P[kept], hermitian=True)
-            errors[profiles] = (covariance @ w[kept][..., None])[..., 0]
-            covariances[profiles] = covariance
+            for (_, profiles), P, _, w in self.precisions(posterior):
+                real = profiles >= 0
+                covariance = np.linalg.pinv(P[real], hermitian=True)
+                covariances[profiles[real]] = covariance
+                errors[profiles[real]] = (covariance @ w[real][..., None])[..., 0]
         return errors, covariances
 
 

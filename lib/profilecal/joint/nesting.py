@@ -13,82 +13,81 @@ from numpy import ndarray
 class Level:
     """The errors that profiles share in groups of one kind: visits, poses or
     orientations. A group of one profile is none: its error is that profile's own.
+
+    Groups of all kinds are counted through, from coarse to fine; group 0 holds all and
+    shares nothing.
     """
 
     errors: ndarray  # (e,) numbers of the errors, from 1: 0 is the scanner's noise
-    members: ndarray  # (m,) the profiles that share one
-    number: ndarray  # (m,) the group of each
-    parents: ndarray  # (G,) the coarser level's group that holds each group
-    # groups (b,) of equally many profiles, and these (b Q,), one group after the other
-    batches: list[tuple[ndarray, ndarray | slice]]
+    groups: slice  # which groups these are
+    parents: ndarray  # the coarser group that holds each, in rising order
 
-    def sums(self, E: ndarray, rows: ndarray) -> ndarray:
-        """Σ E_iᵀ rows_i (S, G, 6, columns) over each group, of S sets of all profiles'
-        E (S, profiles, q, 6) and rows (S, profiles, q, columns).
+    def add_to_parents(self, sums: ndarray, parts: ndarray) -> None:
+        """Add parts (S, G, ...) of these groups to the sums of those that hold them."""
+        firsts = np.flatnonzero(np.diff(self.parents, prepend=-1))
+        total = np.add.reduceat(parts, firsts, axis=1)
+        sums[:, self.parents[firsts]] += total
+
+
+@dataclass(frozen=True, eq=False)
+class Nesting:
+    """Who shares what."""
+
+    # errors that are some profiles' own: their numbers, and whose (profiles,) they are
+    own: list[tuple[ndarray, ndarray]]
+    levels: list[Level]  # from coarse to fine
+    holder: ndarray  # (profiles,) the finest group that holds each
+    count: int  # of groups
+
+    def bundles(self, kept: ndarray, most: int) -> list[tuple[ndarray, ndarray]]:
+        """The profiles kept (profiles,) in bundles of at most about `most`: the groups
+        (b,) that hold them, each once, and (b, Q) profiles of each; -1 where there are
+        fewer. A larger group is in several bundles.
         """
-        shape = len(E), len(self.parents), E.shape[-1], rows.shape[-1]
-        total = np.empty(shape)
-        for groups, members in self.batches:
-            own, other = of_groups(E, groups, members), of_groups(rows, groups, members)
-            total[:, groups] = own.mT @ other
-        return total
-
-    def without(self, E: ndarray, moves: ndarray, rows: ndarray) -> ndarray:
-        """Rows without E_i times what moves its group (S, G, 6, columns) in those of
-        each member.
-        """
-        rows = rows.copy()
-        for groups, members in self.batches:
-            moved = of_groups(E, groups, members) @ moves[:, groups]
-            rows[:, members] -= moved.reshape(len(E), -1, *rows.shape[2:])
-        return rows
-
-
-def of_groups(rows: ndarray, groups: ndarray, members: ndarray | slice) -> ndarray:
-    """Rows (S, profiles, q, columns) of these groups' members, put together: (S, b, Q
-    q, columns).
-    """
-    return rows[:, members].reshape(len(rows), len(groups), -1, rows.shape[-1])
+        profiles = np.flatnonzero(kept)
+        profiles = profiles[np.argsort(self.holder[profiles], kind="stable")]
+        holder = self.holder[profiles]
+        place = np.arange(len(holder)) - np.searchsorted(holder, holder)
+        starts = np.flatnonzero(place % most == 0)  # of groups, or parts of large ones
+        sizes = np.diff(np.append(starts, len(holder)))
+        unit = 2 ** np.maximum(np.log2(sizes).astype(int) - 1, 0)
+        widths = -(-sizes // unit) * unit  # a few different ones
+        kinds = np.stack([place[starts], widths], axis=1)
+        found = []
+        for kind in np.unique(kinds, axis=0):
+            alike = np.flatnonzero((kinds == kind).all(axis=1))
+            of_group = np.arange(kind[1])
+            at_once = max(1, most // len(of_group))
+            for first in range(0, len(alike), at_once):
+                some = alike[first : first + at_once]
+                places = starts[some, None] + of_group
+                members = profiles.take(places, mode="clip")
+                members[of_group >= sizes[some, None]] = -1
+                found.append((holder[starts[some]], members))
+        return found
 
 
-def nesting(
-    profiles: int, numbers: Sequence[ndarray]
-) -> tuple[ndarray, list[tuple[ndarray, ndarray]], list[Level]]:
-    """An order of all profiles in which those of a group stand together. In that order,
-    errors that are some profiles' own: their numbers, and whose (profiles,) they are;
-    and the levels of those that are shared, from coarse to fine.
-
-    `numbers`: of each error, the number (profiles,) of the group that has it in common.
+def nesting(profiles: int, numbers: Sequence[ndarray]) -> Nesting:
+    """How groups nest. `numbers`: of each error, the number (profiles,) of the group
+    that has it in common.
     """
     counts = np.array([number.max() + 1 for number in numbers], dtype=int)
-    kinds = [np.flatnonzero(counts == count) for count in np.unique(counts)]
-    coarsest_first = [numbers[kind[0]] for kind in kinds]
-    holder = np.zeros(profiles, dtype=int)  # the coarser level's group
-    order = np.lexsort([*coarsest_first[::-1], holder])
     own, levels = [], []
-    for kind, number in zip(kinds, coarsest_first, strict=True):
-        of_order = number[order]
-        alone = np.bincount(of_order)[of_order] == 1
-        if alone.any():
-            own.append((1 + kind, alone))
-        if alone.all():
+    holder = np.zeros(profiles, dtype=int)
+    total = 1
+    for count in np.unique(counts):
+        kind = np.flatnonzero(counts == count)
+        number = numbers[kind[0]]
+        shared = np.bincount(number)[number] > 1
+        if not shared.all():
+            own.append((1 + kind, ~shared))
+        if not shared.any():
             continue
-        members = np.flatnonzero(~alone)
-        starts = np.flatnonzero(np.diff(of_order[members], prepend=-1))
-        sizes = np.diff(np.append(starts, len(members)))
-        among = np.arange(len(starts)).repeat(sizes)
-        batches = []
-        for size in np.unique(sizes):
-            of_size = members[sizes[among] == size]
-            batches.append((np.flatnonzero(sizes == size), consecutive(of_size)))
-        parents = holder[members[starts]]
-        levels.append(Level(1 + kind, members, among, parents, batches))
-        holder[members] = among
-    return order, own, levels
-
-
-def consecutive(numbers: ndarray) -> ndarray | slice:
-    """Rising numbers, as a slice if none is left out: it takes rows without a copy."""
-    first, last = numbers[[0, -1]]
-    whole = last - first + 1 == len(numbers)
-    return slice(first, last + 1) if whole else numbers
+        # in the order of those that hold them
+        key = holder[shared] * count + number[shared]
+        groups, of_profiles = np.unique(key, return_inverse=True)
+        holder[shared] = total + of_profiles
+        part = slice(total, total + len(groups))
+        levels.append(Level(1 + kind, part, groups // count))
+        total = part.stop
+    return Nesting(own, levels, holder, total)

@@ -98,10 +98,8 @@ class Problem:
         """Which profiles share errors of the flange."""
         return pose_groups(self.observations)
 
-    def smooth(self, state: State, at_sensor: bool = False) -> SmoothErrors:
-        """The robot's smooth errors at a state, a batch of one; `at_sensor`: they are
-        errors of the sensor's origin.
-        """
+    def smooth(self, state: State) -> SmoothErrors:
+        """The robot's smooth errors at a state, a batch of one."""
         seen_from = [(each.R_flange[0], each.T_flange[0]) for each in self.observations]
         R, T = map(np.concatenate, zip(*seen_from, strict=True))
         pairs = zip(self.terms, state.placements, strict=True)
@@ -110,7 +108,7 @@ class Problem:
         ratio = np.radians(self.noise.accuracy_deg) / (self.noise.accuracy_mm or 1.0)
         sensor = state.rotation[0], state.translation[0]
         to_hand = self.observations[0].eye_to_hand
-        where = (R, T), sensor, seen, ratio, to_hand, at_sensor
+        where = (R, T), sensor, seen, ratio, to_hand
         return smooth_errors(*where, self.known_smooth)
 
     def later(self, seconds: float) -> "Problem":
@@ -226,12 +224,10 @@ class Problem:
         names: Sequence[str],
         tried: Sequence[Perturbation] = (),
         columns: Sequence[ndarray] | None = None,
-        at_sensor: bool = False,
     ) -> LinearModel:
         """The linear model at a state, a batch of one, with errors of the robot of
         these `names`, entries of `Noise`. Of the errors `tried` nothing is known
-        beforehand. `columns`: as `columns_in_mm` has them, if known. `at_sensor`: the
-        robot's errors act at the sensor's origin rather than at the flange's.
+        beforehand. `columns`: as `columns_in_mm` has them, if known.
         """
         columns = columns or self.columns_in_mm(state, tried)
         # (profiles, K, n + c + d + 7), with zeros where a target has fewer residuals
@@ -239,8 +235,6 @@ class Problem:
         whole = np.zeros((len(self.counts), K, columns[0].shape[1]))
         for term, z, own in zip(self.terms, columns, self.split(whole), strict=True):
             own[:, : z.shape[2]] = term.over_noise(z.copy(), self.noise)[0].T
-        if at_sensor:
-            whole[..., FLANGE] = whole[..., SENSOR]
         precision = np.r_[
             NOTHING_KNOWN / self.units**2,
             np.power([*self.considered.values()], -2.0),
@@ -256,7 +250,7 @@ class Problem:
             self.clock,
             self.of_mount(state, len(precision))[0],
             slice(self.n, self.n + sum(bool(one.prior) for one in self.considered)),
-            self.smooth(state, at_sensor) if SMOOTH in names else None,
+            self.smooth(state) if SMOOTH in names else None,
             len(tried),
         )
 

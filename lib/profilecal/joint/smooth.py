@@ -46,6 +46,8 @@ class SmoothErrors:
     # (12, 27) the steps that take up the most of the errors
     steps: ndarray
 
+    count = COEFFICIENTS
+
     @property
     def known(self) -> Known:
         """What other poses need to know of these."""
@@ -55,6 +57,12 @@ class SmoothErrors:
     def left(self) -> ndarray:
         """Errors (P, 6, 27) of the flange without what the steps take up."""
         return self.to_flange @ (self.errors - self.rigid @ self.steps)
+
+    def rows(self, E: ndarray) -> ndarray:
+        """By how much each coefficient moves residuals (P, q, 27), with derivatives E
+        (P, q, 6) by the flange.
+        """
+        return E @ self.left
 
     def keeping(self, kept: ndarray) -> "SmoothErrors":
         """The same where only the profiles kept (P,) say what the steps are."""
@@ -67,15 +75,13 @@ def smooth_errors(
     seen: ndarray,
     ratio: float,
     to_hand: bool = False,
-    at_sensor: bool = False,
     known: Known | None = None,
 ) -> SmoothErrors:
     """Of `poses` of the flange (P, 3, 3), (P, 3), `to_hand` of the base in its frame,
     and a `sensor` pose (3, 3), (3,) that has the middle of its view at `seen` (3,).
 
-    `ratio`: an error of the orientation, rad, to one of the position. `at_sensor`: they
-    are errors of the sensor's origin. `known`: middle and steps, if others say what
-    they are.
+    `ratio`: an error of the orientation, rad, to one of the position. `known`: middle
+    and steps, if others say what they are.
     """
     R, T = poses
     R_sensor, T_sensor = sensor
@@ -98,7 +104,7 @@ def smooth_errors(
     by_mount = np.broadcast_to(shifting(seen[None]), by_base.shape)
     rigid = np.concatenate([by_mount, by_base], axis=2)
     # the middle of the view from the flange
-    arms = (1 - at_sensor) * (T_sensor - to_hand * positions) @ R_sensor + seen
+    arms = (T_sensor - to_hand * positions) @ R_sensor + seen
     errors = shifting(arms) @ of_flange
     if steps is None:
         steps = taken_up(rigid, errors)

@@ -19,7 +19,6 @@ from profilecal.geometry.noise import (
     normalised_square,
 )
 from profilecal.geometry.observability import (
-    WEAK,
     Spectrum,
     explain,
     of_covariance,
@@ -44,6 +43,7 @@ from profilecal.targets.observations import Observations, State
 
 LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake
 LARGEST_REJECTED = 1 / 3  # of the poses
+MANY = 0.1  # of the poses: so many that contradict a fit may all be right
 ROUGHLY = 1e-6  # tolerance of refinements
 UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
 ROUNDS = 10  # of estimates; one or two are usual
@@ -128,35 +128,37 @@ def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
 
     By Cauchy's loss where least squares leave poses that contradict the others, or
     residuals that are large for all (many bad poses hide each other); and after another
-    search among them where that does too. By least squares for a handful of poses,
-    where some fit to most of them is nearly exact.
+    search among them where that leaves many such poses, or large residuals. By least
+    squares for a handful of poses, where some fit to most of them is nearly exact.
     """
 
     # where nothing says how large residuals usually are, the robust fit is looked at
     limit_mm = 2 * usual_mm or np.inf
 
-    def is_doubtful(fits: Fit) -> bool:
+    def is_doubtful(fits: Fit, share: float) -> bool:
         is_large = typical_mm(problem, fits) > limit_mm
-        return is_large or bool(contradicting(problem, fits).any())
+        return is_large or np.mean(contradicting(problem, fits, usual_mm)) > share
 
-    if usual_mm and not is_doubtful(fits):
+    if usual_mm and not is_doubtful(fits, 0.0):
         return fits
     robust = robust_fit(problem, fits.state)
-    if is_doubtful(robust):
+    if is_doubtful(robust, MANY):
         state = search_among_outliers(problem, robust.state)
         robust = robust_fit(problem, state)
-    if problem.freedoms[~contradicting(problem, robust)].sum() > problem.n:
+    agreeing = ~contradicting(problem, robust, usual_mm)
+    if problem.freedoms[agreeing].sum() > problem.n:
         return robust
     return least_squares(problem, fits.state.join(robust.state))
 
 
-def contradicting(problem: Problem, fits: Fit) -> ndarray:
+def contradicting(problem: Problem, fits: Fit, usual_mm: float) -> ndarray:
     """The profiles (profiles,) whose residuals in the best fit are larger than those of
-    most let expect.
+    most let expect, and than usual.
     """
     k = problem.freedoms
+    unit = max(problem.typical(fits)[0], usual_mm / problem.noise.profile_mm)
     limit = chi2_limit(FALSE_ALARM / len(k), k)
-    return fits.per_pose[0] * k > problem.typical(fits)[0] ** 2 * limit
+    return fits.per_pose[0] * k > unit**2 * limit
 
 
 def robust_fit(problem: Problem, state: State) -> Fit:
@@ -263,7 +265,7 @@ def of_large_errors(
         (v,), _, _ = law.variances(np.full((1, len(law.free)), large))
         v[0] = scanner**2
         now = np.eye(model.n + 1)[-1]
-        by_itself = squares(model, now, model.Y @ now, model.own(v), v[0])
+        by_itself = squares(model, now, model.Y[..., -1], model.own(v), v[0])
         kept = belonging(problem, model, *by_itself)
         if np.mean(~kept) <= 0.2:
             break
@@ -331,16 +333,17 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
     covariance = error_sizes.covariance[:6, :6] * enlargement
     rank = spectrum(posterior.normal[0, :n, :n], problem.units).rank
     observability = of_covariance(covariance, rank, n)
-    weaker, remarks = weaker_spectrum(estimated, prior, observability)
-    status, left_open = str(weaker.status), weaker
+    status, left_open = str(observability.status), observability
     if problem.clock is not None:
-        frame = frame_of(problem)
-        status, left_open, on_delay = delay.verdict(
-            error_sizes.covariance, problem.clock, weaker, state.rotation[0], frame
+        status, left_open, remarks = delay.verdict(
+            error_sizes.covariance,
+            problem.clock,
+            observability,
+            state.rotation[0],
+            frame_of(problem),
         )
-        remarks += on_delay
+        messages += remarks
     R_flange = np.concatenate([entry.R_flange[0] for entry in problem.observations])
-    messages += remarks
     messages += explain(left_open, state.rotation[0], R_flange, frame_of(problem))
     if status != "unobservable":
         # χ² of the six unknowns of a sensor pose rarely exceeds 12
@@ -387,35 +390,6 @@ def enlargement_by_misfit(
     return factor, [
         f"residuals are {factor**0.5:.2g} times what the stated noise explains; "
         "the covariance is enlarged to match"
-    ]
-
-
-def weaker_spectrum(
-    estimated: Estimate, prior: Prior, at_origin: Spectrum
-) -> tuple[Spectrum, list[str]]:
-    """How well the pose is known if the robot's errors act at the origin of the frame
-    that the poses are of, which a user chooses, or if they act at the sensor: the
-    weaker of both where the status differs, with a sentence that says so.
-    """
-    sd = at_origin.sd[0]
-    near_limit = any(limit / 1.5 < sd < 1.5 * limit for limit in (WEAK, 1.0))
-    if prior.robot_known or not near_limit:
-        return at_origin, []
-    problem, names = estimated.problem, estimated.model.names
-    at_sensor = {"columns": estimated.columns, "at_sensor": True}
-    model = problem.model(estimated.state, names, **at_sensor)
-    model = model.keeping(estimated.model.kept)
-    law = prior.law(names)
-    likely = likeliest(model, law)
-    covariance = average(model, prior, likely).covariance[:6, :6]
-    at_sensor = of_covariance(covariance, at_origin.rank, at_origin.parameters)
-    if at_sensor.status == at_origin.status:
-        return at_origin, []
-    weaker = max(at_origin, at_sensor, key=lambda known: known.sd[0])
-    return weaker, [
-        f"the status is {at_origin.status} if the robot's errors act at the origin of "
-        f"the poses' frame, {at_sensor.status} if they act at the sensor; "
-        "the weaker counts. If the poses are of a tool, give those of the flange"
     ]
 
 

@@ -169,4 +169,4 @@ def test_the_typical_residual_is_as_large_as_the_noise_whatever_it_was_taken_for
     problem = Problem([seen], Noise(1.0))
     fit = problem.moments(scene.truth)
     assert_allclose(problem.typical(fit), SIGMA, rtol=0.1)
-    assert np.flatnonzero(contradicting(problem, fit)).tolist() == [7]
+    assert np.flatnonzero(contradicting(problem, fit, 0.0)).tolist() == [7]

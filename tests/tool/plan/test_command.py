@@ -264,7 +264,8 @@ def test_a_wide_guess_gets_a_first_step_whose_answer_plans_the_second(tmp_path):
     output = run("calibrate", tmp_path / "scan", tmp_path / "more", "--json").output
     answer = json.loads(output)
     assert answer["status"] == "ok"
-    assert stated_worst(answer) == pytest.approx([0.09, 0.045], rel=0.25)
+    # poses are added until both are reached; one may be long before the other
+    assert max(stated_worst(answer) / [0.09, 0.045]) == pytest.approx(1, rel=0.25)
     assert printed_square(answer, truth) < chi2.ppf(0.99, 6)
 
 
