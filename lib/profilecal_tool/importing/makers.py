@@ -75,6 +75,11 @@ def robots_in(rows: Iterable[dict]) -> dict[str, Robot]:
             if not {*"xyz"} <= names or not convention_of(names):
                 expected = "expected $x $y $z and the columns of a convention"
                 raise ScanError(f"{PATH}: {line!r} in [{table}]; {expected}")
+        for line in robot.uses:
+            names = {*re.findall(r"\$([a-z]+)", line)}
+            if not names <= {"name", "tool", "base"}:
+                expected = "expected $name, $tool or $base"
+                raise ScanError(f"{PATH}: {line!r} in [{table}]; {expected}")
     return robots
 
 

@@ -31,7 +31,13 @@ from profilecal_tool.importing.questions import (
 )
 from profilecal_tool.importing.read_file import names_of
 from profilecal_tool.importing.robot_poses import label_of
-from profilecal_tool.importing.text_tables import Block, File, counted, numbers_of
+from profilecal_tool.importing.text_tables import (
+    Block,
+    File,
+    counted,
+    dialect,
+    numbers_of,
+)
 
 LIKELY_MM = 150.0  # the farthest that a scanner sees, for a guess at a unit
 NARROW_MM = 10.0  # few scanners see so little: it may be cm or inches
@@ -130,7 +136,9 @@ def points_from_rows(block: Block, layout: Layout) -> Block:
 
 def x_above(block: Block) -> list[float]:
     """The start and the pitch of x in the words above z. Raises ScanError."""
-    above = re.sub(r" +", "_", block.above.lower())
+    _, decimal = dialect(block.above)
+    above = block.above.lower().replace(decimal, ".")
+    above = re.sub(r" +|(?<=[a-z])-(?=[a-z])", "_", above)
     values = []
     for which in ("start", "pitch"):
         words = "|".join(WORDS[which])

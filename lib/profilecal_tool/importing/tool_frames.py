@@ -11,10 +11,10 @@ from numpy import ndarray
 from pandas import DataFrame, Series
 
 from profilecal.geometry.poses import homogeneous
-from profilecal.scan.conventions import named, to_rotations
+from profilecal.scan.conventions import from_rotations, named, to_rotations
 from profilecal.scan.tables import ScanError, listed
 from profilecal_tool.importing.makers import WORDS
-from profilecal_tool.importing.questions import Layout
+from profilecal_tool.importing.questions import Layout, Question
 from profilecal_tool.importing.read_file import where_a_tool_is_said
 from profilecal_tool.importing.robot_poses import Poses, angle_unit, length_unit
 
@@ -81,11 +81,31 @@ def tool_to_take_off(
         at = frames.iloc[0].to_numpy()
         return at, f"{words['tool'] or 'one'} at {at[:3].tolist()}, taken off{base}"
     if words["tool"]:
-        return None, f"{words['tool']}, whose frame is not here: not taken off{base}"
+        sentence = f"poses are of tool {words['tool']}, whose frame is not here"
+        raise Question(f"{poses.path}: {sentence}; mm, and angles?", tool=[0] * 6)
+    if not names and "name" in tables["tool"] and not poses.robot.tools_are_poses:
+        ask_about_declared(poses, tables["tool"], words["base"])
     own = [] if names else [poses.path]
     said = "" if "flange" in poses.name else where_a_tool_is_said([*own, *others])
     found = f"not taken off: {said}" if said else "none"
     return None, f"{found}; taken for the flange's poses{base}"
+
+
+def ask_about_declared(poses: Poses, frames: DataFrame, base: str) -> None:
+    """Raise Question where a program declares a tool that no line uses."""
+    for _, frame in frames.iterrows():
+        name = str(frame["name"]).lower()
+        numbers = frame[[*"xyz", *poses.convention.columns]].to_numpy(float)
+        if name in {*base.split(", ")} | WORDS["no_frame"] or not numbers[:3].any():
+            continue
+        at, turned = numbers[:3] * length_unit(poses)[0], numbers[3:]
+        if len(turned) > 3:
+            R = to_rotations(poses.convention, turned[None])
+            turned = from_rotations(named("FANUC angles"), R)[0]
+        six = np.round([*at, *turned], 6).tolist()
+        sentence = f"tool {frame['name']} is declared, and no line uses it"
+        hint = "are poses of it? (--tool 0 0 0 0 0 0: of the flange)"
+        raise Question(f"{poses.path}: {sentence}; {hint}", tool=six)
 
 
 def frames_named(table: DataFrame, which: str) -> set[str]:

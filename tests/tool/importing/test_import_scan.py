@@ -23,6 +23,7 @@ from folders import edited
 from makers_table import README, with_table
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
+from pandas import DataFrame
 from peoples_files import POSES, PROFILES, poses, scan, text, write_lines, write_table
 from simulated import scan_of
 
@@ -33,7 +34,9 @@ from profilecal.scan.tables import ScanError
 from profilecal_tool.importing.import_scan import Layout, import_scan
 from profilecal_tool.importing.makers import ROBOTS, robots_in
 from profilecal_tool.importing.program_lines import matches_of, program_blocks
-from profilecal_tool.importing.text_tables import text_blocks
+from profilecal_tool.importing.questions import Question
+from profilecal_tool.importing.scanner_profiles import x_above
+from profilecal_tool.importing.text_tables import Block, text_blocks
 
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "60"))
 
@@ -154,6 +157,21 @@ def two_numbers(folder):
     write_lines(folder / "robot.csv", [titles, *lines[::-1]])
 
 
+def declared(folder):
+    """Targets of a tool, and no moves."""
+    people.abb(folder)
+    lines = (folder / "scan.mod").read_text().splitlines()
+    lines = [line for line in lines if "MoveL" not in line and "wBall" not in line]
+    of_tool = people.matrices_of_poses() @ people.TOOL
+    rows = iter(poses("quaternion", matrices=of_tool))
+    for k, line in enumerate(lines):
+        if line.startswith("  CONST robtarget"):
+            row = next(rows)
+            begin = line.split(":=")[0]
+            lines[k] = f"{begin}:=[[{text(row[:3])}],[{text(row[3:])}],[0,0,0,0]];"
+    write_lines(folder / "scan.mod", lines)
+
+
 ASKED = {
     "x is nothing": (people.tum, z_across, "x always the same"),
     "inches": (*points_of("x,z", scale=1 / 25.4), "mm wide, up to"),
@@ -183,6 +201,7 @@ ASKED = {
         ],
         "no x and z",
     ),
+    "a tool that no line uses": (declared, people.one_each, "is declared, and no line"),
     "two poses": (two_poses, people.one_each, "one or two"),
     "no columns": (*points_of("", "7"), "no x and z"),
     "two that may be z": (*points_of("x,height,distance", "9", behind=True), "x and z"),
@@ -416,6 +435,15 @@ def test_rows_may_be_as_long_as_they_are(shape):
     assert_allclose(block.table, numbers, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    "above",
+    ["X-Start [mm];-70\nX-Pitch [mm];0,125", "X Start,-70.0\nX Pitch,0.125"],
+)
+def test_where_x_begins_may_be_said_above(above):
+    block = Block(Path("z.csv"), DataFrame(), [], above)
+    assert x_above(block) == [-70, 0.125]
+
+
 # what poses are of; what is done to a program, and what is then said
 
 
@@ -488,8 +516,12 @@ def test_a_tool_or_base_is_taken_off_or_named(name, tmp_path):
     if change:
         others = [p for p in folder.iterdir() if not re.match(r"scan_|p\d", p.name)]
         edited(others[0].name, *change)(folder)
-    taken = read(folder)[1]
-    assert words in f"{taken['poses']}; {taken['tool']}"
+    try:
+        taken = read(folder)[1]
+        said = f"{taken['poses']}; {taken['tool']}"
+    except Question as question:
+        said = f"{question}; {len(question.answer['tool'])}"
+    assert words in said
 
 
 def test_targets_are_taken_in_the_order_driven(tmp_path):
@@ -735,6 +767,7 @@ MISTYPED = {
     "kind": ({"pose": "TO $x"}, r"pose is .* in \[robot Acme\]; expected a list"),
     "unit": ({"unit": "feet"}, "unit is 'feet'"),
     "convention": ({"pose": ["TO $x,$y,$z,$u,$v,$w"]}, "columns of a convention"),
+    "uses": ({"uses": ["TOOLSEL $tol"]}, "expected .name, .tool or .base"),
     "missing": ({"maker": None}, r"maker is missing in \[robot 1\]"),
 }
 
