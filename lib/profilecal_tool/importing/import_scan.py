@@ -110,7 +110,9 @@ def tables_in(
     used = {*of_poses.paths, *of_profiles.paths}
     every = (path for path in sorted(folder.rglob("*")) if path.is_file())
     left = [path for path in every if path not in used]
-    taken["left out"] = listed(path.name for path in left) or "none"
+    programs = [b for b in beside if b.robot and b.robot == poses.block.robot]
+    read = {block.path for block in programs if block.kind != "pose"}
+    taken["left out"] = listed(p.name for p in left if p not in read) or "none"
     return poses, profiles, [*left, *of_poses.paths[1:], of_profiles.paths[0]]
 
 

@@ -536,7 +536,9 @@ def test_a_frame_may_lie_in_another_file_and_a_tool_be_said(tmp_path):
     lines = (folder / "scan.mod").read_text().splitlines(keepends=True)
     (folder / "scan.mod").write_text("".join([lines[0], *lines[2:]]))
     (folder / "CalibData.mod").write_text(lines[1])
-    check_scan(read(folder)[0], people.BASE)
+    imported, taken = read(folder)
+    check_scan(imported, people.BASE)
+    assert taken["left out"] == "none"
     tool = (12, -35, 180, 10, -20, 30)
     imported, taken = read(folder, tool=tool)
     check_scan(imported, people.BASE)
