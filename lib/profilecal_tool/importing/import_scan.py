@@ -164,8 +164,9 @@ def files_of_poses_and_profiles(
     """Which files hold the poses, and which the profiles. Raises Question."""
     first = {name: source.first for name, source in sources.items()}
     counts = {name: len(source.paths) for name, source in sources.items()}
-    with_poses = [n for n in first if poses_of(first[n], layout.pose_columns)]
-    with_poses = [n for n in with_poses if n != layout.profiles]
+    rows = {name: counts[name] * poses_in(first[name], layout) for name in first}
+    with_poses = [n for n in first if rows[n] and n != layout.profiles]
+    with_poses.sort(key=rows.get, reverse=True)
     if layout.poses:
         with_poses = [layout.poses]
     others = [n for n in sorted(counts, key=counts.get) if n not in with_poses]
@@ -178,6 +179,12 @@ def files_of_poses_and_profiles(
     profiles = usual or [n for n in unclear if n != poses][-1:]
     beside = [poses] if point_tables(first[poses], layout) else []
     return poses, one_or_ask(folder, profiles or beside, "are the profiles", "profiles")
+
+
+def poses_in(blocks: list[Block], layout: Layout) -> int:
+    """How many poses the blocks of a file hold, of whatever has them."""
+    by_name = poses_of(blocks, layout.pose_columns)
+    return sum(len(one.table) for several in by_name.values() for one in several)
 
 
 def times_said(layout: Layout, names: list[str]) -> list[str]:

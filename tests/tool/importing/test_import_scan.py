@@ -635,6 +635,13 @@ MISTAKES = {
     "nothing": (people.csv, emptied, "no file matches"),
     "no poses": (people.csv, lost("robot.csv"), "no file holds the poses"),
     "two": (people.csv, copied("robot.csv", "tcp.csv"), "which holds the poses"),
+    "a base beside poses": (
+        people.kuka,
+        lambda folder: (folder / "$config.dat").write_text(
+            "BASE_DATA[1]={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}\n"
+        ),
+        r"which holds the poses: scan.dat or \$config.dat",
+    ),
     "an inverse": (people.matrices, inverted, "is called as the inverse"),
     "z alone": (people.csv, edited("scan_001.csv", "x,z", "time,z"), "no x and z"),
     "fewer": (people.tum, lost("scan_003.csv"), "11 profiles for 12 poses"),
