@@ -99,7 +99,7 @@ def disk_row() -> dict:
     off = np.r_[np.full(3, 1.0), np.full(3, 0.01), np.zeros(5)]
     truths = scene.truth[[0] * TRIALS]
     start = Problem([seen], noise).move(truths, np.tile(off, (TRIALS, 1)))
-    ours = best_of(3, lambda: estimate([seen], noise, start, chunk=32)) / TRIALS
+    ours = best_of(3, lambda: estimate([seen], noise, start)) / TRIALS
     few = [(Problem([seen.take([k])], noise), start[[k]]) for k in range(16)]
     theirs = best_of(3, lambda: [scipy_solution(*one) for one in few]) / len(few)
 
