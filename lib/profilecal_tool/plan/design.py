@@ -124,10 +124,13 @@ class Pool:
         """How many times as large as asked for a plan's standard deviations are."""
         return max(largest_sd(self.covariance(chosen, times)[:6, :6]))
 
-    def enough_poses(self, chosen: list[int]) -> int:
-        """How many poses as the candidates `chosen` would be enough; 0: no number."""
+    def enough_poses(self, chosen: list[int], lacks: float) -> int:
+        """How many poses as the candidates `chosen` would be enough; 0: no number.
+        `lacks`: what they are predicted to, which the pool only nearly knows.
+        """
+        enough = self.lacks(chosen) / lacks
         for times in np.geomspace(1, 10, 50):
-            if self.lacks(chosen, times) <= 1:
+            if self.lacks(chosen, times) <= enough:
                 return int(np.ceil(times * len(chosen)))
         return 0
 
@@ -217,7 +220,7 @@ def design(
     R, T = pool.R[chosen], pool.T[chosen]
     predicted = predict(model, *joined(before, (R, T)), rng)
     way = there_and_back(short_way(R, T))
-    enough = pool.enough_poses(chosen)
+    enough = pool.enough_poses(chosen, predicted.lacks(wanted_sd))
     return Plan(model, R[way], T[way], predicted, wanted_sd, enough)
 
 
