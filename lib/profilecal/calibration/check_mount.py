@@ -27,7 +27,7 @@ from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError
 from profilecal.targets.observations import State
 
-# that a calibration may have
+# errors that a calibration may have considered
 ALL_CONSIDERED = Systematic(**dict.fromkeys(vars(TYPICAL), 1.0))
 POWER = 0.9
 

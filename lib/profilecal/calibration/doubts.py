@@ -10,7 +10,7 @@ A_MOMENT_S, AT_REST = 0.5, 1.0  # s, mm/s
 
 
 def doubts(scan: Scan) -> list[str]:
-    """What a scan gives cause to ask, which its residuals may not show."""
+    """All of them, in sentences."""
     return doubts_on_rest(scan) + doubts_on_columns(scan)
 
 

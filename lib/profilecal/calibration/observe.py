@@ -111,11 +111,10 @@ def marked_points(features: Sequence[Feature], m: int) -> tuple[ndarray, ndarray
     k = len(features)
     points = np.reshape([feature.points for feature in features], (k, m, 2))
     covariance = np.zeros((k, m, 2, m, 2))
+    least = LEAST_NOISE_MM**2 * np.eye(2)
     for pairs, feature in zip(covariance, features, strict=True):
         # of each point with itself
-        pairs[range(m), :, range(m)] = feature.covariance + LEAST_NOISE_MM**2 * np.eye(
-            2
-        )
+        pairs[range(m), :, range(m)] = feature.covariance + least
         if feature.between is not None:
             pairs[0, :, 1], pairs[1, :, 0] = feature.between, feature.between.T
     return points, covariance.reshape(k, 2 * m, 2 * m)

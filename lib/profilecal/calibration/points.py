@@ -22,8 +22,7 @@ def point_sd(
         R L(p) C L(p)ᵀ Rᵀ        L(p) = [1, -[p]×]
 
     Most of C is usually an error of the robot that all poses share, at the size that is
-    believed of it, as no residual shows it. It counts once. Simulated arms with wrong
-    joints move points by 0.8 of that, robots with other errors by less.
+    believed of it, as no residual shows it. It counts once.
 
     At a pose of the flange the robot errs by a shift s and a turn ψ about the flange's
     origin, of variances S. A point q in the flange's frame moves by s + ψ × q, which

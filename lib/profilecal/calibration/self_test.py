@@ -8,9 +8,9 @@ answer has the targets: along their residuals
     r = A x + E u + e
 
 Two things are counted. Does the region of each solution hold the pose that its scan was
-simulated with? Regions are made to hold at 99 % (`error_sizes.growth`), so some 98 of
-100 lie in those of 95 %. And is what the residuals of the real scan look like, by every
-pattern that is tested (`plausibility`), what chance makes of such scans?
+simulated with? Regions are made to hold at 99 % (`error_sizes.growth`), so more than 95
+of 100 lie in those of 95 %. And is what the residuals of the real scan look like, by
+every pattern that is tested (`plausibility`), what chance makes of such scans?
 """
 
 from dataclasses import dataclass, replace

@@ -266,7 +266,7 @@ class LinearModel:
             if not self.kept.all():
                 smooth = smooth.keeping(self.kept)
             of_smooth = slice(a + self.of_smooth.start, a + self.of_smooth.stop)
-            rows[:-1, :, of_smooth] = smooth.rows(self.E[..., :6])
+            rows[:-1, :, of_smooth] = self.E[..., :6] @ smooth.left
         return rows
 
     @cached_property

@@ -10,8 +10,7 @@ little different move every profile nearly alike. What they take up is taken out
 errors, by least squares over the poses as they move the middle of the view, so that the
 mount of the linear model is the one that these poses show.
 
-Of 328 regions of 95 % by simulated arms 0.945 held where no wrist turned over from one
-pose to another (disks 0.89). Where some did, which errs by a jump, 0.86 (disks 0.78).
+A wrist that turns over between two poses errs by a jump, which is none of these.
 """
 
 from dataclasses import dataclass, replace
@@ -57,12 +56,6 @@ class SmoothErrors:
     def left(self) -> ndarray:
         """Errors (P, 6, 27) of the flange without what the steps take up."""
         return self.to_flange @ (self.errors - self.rigid @ self.steps)
-
-    def rows(self, E: ndarray) -> ndarray:
-        """By how much each coefficient moves residuals (P, q, 27), with derivatives E
-        (P, q, 6) by the flange.
-        """
-        return E @ self.left
 
     def keeping(self, kept: ndarray) -> "SmoothErrors":
         """The same where only the profiles kept (P,) say what the steps are."""

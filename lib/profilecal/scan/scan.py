@@ -282,6 +282,9 @@ class Scan:
                 f"not {self.measured}"
             )
         columns = len(MEASURED[self.measured])
+        for k, rows in enumerate(self.values):
+            if rows.shape[1:] != (columns,):
+                check_array(f"values[{k}]", rows, (None, columns), finite=False)
         every = np.concatenate([np.empty((0, columns)), *self.values])
         largest = np.nanmax(np.abs(every), initial=0.0)
         if 0 < largest < 1 or largest > FARTHEST_MM:

@@ -44,9 +44,6 @@ class Smooth:
         self.left = left
         self.count = left.shape[-1]
 
-    def rows(self, E):
-        return E @ self.left
-
     def keeping(self, kept):
         return self
 
