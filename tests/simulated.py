@@ -11,7 +11,7 @@ import profilecal as pc
 from profilecal.calibration.answer import DEGREES
 from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.noise import normalised_square
-from profilecal.geometry.poses import homogeneous, pose_error, rotations
+from profilecal.geometry.poses import difference, homogeneous, rotations
 from profilecal.simulation.spec import pose_name
 
 SCANNER = {"noise_mm": 0.06}  # of raw profiles; 0.05 is stated
@@ -93,11 +93,6 @@ def wrong_by(T, mm, deg):
 def truth_of(scan):
     """The true sensor pose (4, 4), on the flange or in the base."""
     return np.array(scan.truth[pose_name(scan.mount)])
-
-
-def difference(T, true):
-    """From a pose (4, 4) to another: (6,) mm and rad."""
-    return pose_error(T[:3, :3], T[:3, 3], true[:3, :3], true[:3, 3])
 
 
 def error_of(found, true):

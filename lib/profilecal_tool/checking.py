@@ -7,8 +7,7 @@ import numpy as np
 from profilecal.calibration.doubts import doubts
 from profilecal.calibration.observe import as_observations, observe
 from profilecal.geometry.checks import UnobservableError
-from profilecal.geometry.fitting import affine_residuals
-from profilecal.geometry.noise import Noise, chi2_limit
+from profilecal.geometry.noise import Noise
 from profilecal.geometry.observability import LEAST_TURN_DEG, name_axis, turns
 from profilecal.joint.delay import unexplained
 from profilecal.joint.problem import Problem
@@ -28,7 +27,11 @@ def check(scan: Scan) -> list[str]:
     seen = observe(scan, 1)
     observed = as_observations(scan, seen)
     lines = lines_on_poses(scan, len(seen.poses))
-    lines.append(f"noise          {noise_words(scan, observed, seen.typical_mm)}")
+    noise = "unknown before the calibration"
+    if seen.typical_mm:
+        scatter = f"{seen.typical_mm:.2g} mm of a feature's coordinates"
+        noise = f"{scatter}, by the scatter in profiles"
+    lines.append(f"noise          {noise}")
     if scan.log:
         lines += lines_on_motion(scan, observed)
     remarks = [*seen.remarks, *doubts(scan)]
@@ -90,37 +93,3 @@ def lines_on_poses(scan: Scan, showing: int) -> list[str]:
             "or something stays unknown"
         )
     return lines
-
-
-def noise_words(scan: Scan, observed: Observations, typical_mm: float) -> str:
-    """What the measurements say of the scanner's noise by themselves."""
-    affine = scan.target.affine and not scan.log
-    noise, freedom = affine_noise(observed) if affine else (0.0, 0)
-    if freedom:
-        return f"{noise:.3g} mm inside groups, from {freedom} degrees of freedom"
-    if typical_mm:
-        scatter = f"{typical_mm:.2g} mm of a feature's coordinates"
-        return f"{scatter}, by the scatter in profiles"
-    why = f"what a {scan.kind} shows does not tell it"
-    if affine:
-        why = "groups have too few poses (5 or more each)"
-    if scan.log:
-        why = "poses follow the delay"
-    return f"unknown before the calibration: {why}"
-
-
-def affine_noise(observations: Observations) -> tuple[float, int]:
-    """Scanner noise from an edge or a marked point before anything is calibrated, mm,
-    and its degrees of freedom: what `affine_residuals` finds in each group. The median
-    over the groups keeps a bad point from counting.
-    """
-    positions, points = observations.T_flange[0], observations.points[0, :, 0]
-    variances, total = [], 0
-    for label in np.unique(observations.labels):
-        rows = observations.labels == label
-        left, _, freedom = affine_residuals(positions[rows], points[rows])
-        if freedom > 0:
-            freedom = 2 * int(freedom)
-            variances.append(np.sum(left**2) / chi2_limit(0.5, freedom))
-            total += freedom
-    return (float(np.sqrt(np.median(variances))) if variances else 0.0), total

@@ -7,7 +7,7 @@ import os
 import shlex
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import click
@@ -45,8 +45,8 @@ ANSWER = option(
 CLOUD = option(
     "--cloud",
     type=PLACE,
-    callback=ending_in(".ply", ".png"),
-    help="Write all profiles put together to this PLY file, or as a PNG picture.",
+    callback=ending_in(".ply"),
+    help="Write all profiles put together to this PLY file.",
 )
 
 
@@ -91,33 +91,22 @@ def interruptible(sentence: str) -> Iterator[None]:
 
 @contextmanager
 def working(doing: str) -> Iterator[None]:
-    """Say on a terminal what is being done, and how far it is, from two seconds on."""
-    from threading import Event, Thread
-
+    """Say on a terminal what is being done, and how far what takes long is."""
     from tqdm import tqdm
 
     from profilecal.geometry.progress import watcher
 
-    on_terminal = {"disable": None, "leave": False, "delay": 2}
-    done = Event()
-
-    def tell_the_time() -> None:
-        while not done.wait(0.5):
-            bar.update(0)
+    on_terminal = {"disable": None, "leave": False}
 
     def shown(items, doing, total):
-        return tqdm(items, doing, total, **on_terminal)
+        return tqdm(items, doing, total, delay=2, **on_terminal)
 
     token = watcher.set(shown)
-    with tqdm(desc=doing, bar_format="{desc}  {elapsed}", **on_terminal) as bar:
-        clock = Thread(target=tell_the_time, daemon=True)
-        clock.start()
-        try:
+    try:
+        with tqdm(desc=doing, bar_format="{desc} …", **on_terminal):
             yield
-        finally:
-            done.set()
-            clock.join()
-            watcher.reset(token)
+    finally:
+        watcher.reset(token)
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
@@ -127,16 +116,6 @@ def main():
     # Before NumPy loads: more threads gain nothing here, and wait for each other.
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-
-
-def guess_given(ctx, param, numbers):
-    """The numbers of a guess, if they are finite."""
-    from math import isfinite
-
-    if numbers and not all(map(isfinite, numbers)):
-        given = " ".join(map(str, numbers))
-        raise ValueError(f"--guess is {given}; expected six numbers, mm and degrees")
-    return numbers
 
 
 @main.command()
@@ -155,7 +134,6 @@ def guess_given(ctx, param, numbers):
     "--guess",
     nargs=6,
     type=float,
-    callback=guess_given,
     metavar="X Y Z W P R",
     help="Where the sensor is believed to be, mm and degrees.",
 )
@@ -424,64 +402,31 @@ def plan(spec, folder, poses, until, within, given):
             "--of predicts the given poses and writes nothing; "
             "leave FOLDER, --poses and --until out"
         )
-    with working("planning"):
+    written = new_folder(folder) if folder else nullcontext()
+    with working("planning"), written as partial:
         task = read_task(spec, poses, until, within)
         if isinstance(task, WayBack):
-            if folder:
-                with new_folder(folder) as partial:
-                    task.write(partial)
+            if partial:
+                task.write(partial)
             lines = words.way_back_lines(len(task.poses[0]) // 2, spec, folder)
         elif given:
             prediction, unseen = task.prediction_of(given)
             lines = words.prediction_lines(prediction, task.model, unseen=unseen)
             lines += [words.DOUBT] * task.doubted
         else:
-            designed = written_plan(task, folder) if folder else task.plan()
+            designed = task.plan()
+            if partial:
+                from profilecal_tool.report.pictures import save_plan
+
+                task.write(designed, partial)
+                save_plan(designed, partial / "plan.png")
             lines = words.plan_lines(designed, task.count_given)
             lines += [words.DOUBT] * task.doubted
             lines += words.steps(designed, spec, folder)
     echo("\n".join(lines))
 
 
-def written_plan(task, folder):
-    """The plan of a task, written into a new folder, whole or not at all."""
-    from profilecal.scan.tables import new_folder
-    from profilecal_tool.report.pictures import save_plan
-
-    with new_folder(folder) as partial:
-        designed = task.plan()
-        task.write(designed, partial)
-        save_plan(designed, partial / "plan.png")
-    return designed
-
-
-def kinds_by_length():
-    """The kinds of targets that have a length, by its name."""
-    from profilecal.targets import TARGETS
-
-    kinds = {}
-    for kind, target in TARGETS.items():
-        for name in target.lengths:
-            kinds.setdefault(name, []).append(kind)
-    return kinds
-
-
-class OfTarget(click.Command):
-    """A command with an option for each length that targets have."""
-
-    def get_params(self, ctx):
-        """The options, with those of lengths."""
-        lengths = [
-            click.Option(
-                [f"--{name}"], type=float, help=f"Of a {', '.join(kinds)}, mm."
-            )
-            for name, kinds in kinds_by_length().items()
-        ]
-        *options, of_help = super().get_params(ctx)
-        return [*options, *lengths, of_help]
-
-
-@main.command("import", cls=OfTarget)
+@main.command("import")
 @argument("files", metavar="DIR", type=PLACE)
 @argument("folder", type=PLACE)
 @option(
@@ -489,6 +434,7 @@ class OfTarget(click.Command):
     metavar="KIND",
     help="What was scanned: edge, disk, …",
 )
+@option("--radius", type=float, help="Of a disk, ball or rod, mm.")
 @option("--mount", type=MOUNT, help="Where the scanner is.")
 @option("--poses", metavar="FILES", help="What holds the robot's poses.")
 @option(
@@ -530,6 +476,7 @@ def import_(files, folder, **given):
     from profilecal.targets import TARGETS
     from profilecal_tool.importing.import_scan import import_scan
     from profilecal_tool.importing.questions import (
+        SIZES,
         Layout,
         Question,
         options,
@@ -544,11 +491,10 @@ def import_(files, folder, **given):
     kind = said.get("target")
     if kind not in TARGETS:
         raise ValueError(f"--target is {kind}; expected one of {', '.join(TARGETS)}")
-    lengths = kinds_by_length()
-    for name, kinds in lengths.items():
-        if kind in kinds and name not in said:
+    for name in TARGETS[kind].lengths:
+        if name not in said:
             raise ValueError(f"--{name} is missing: a {kind} has one, in mm")
-    sizes = {name: said[name] for name in lengths if name in said}
+    sizes = {name: said[name] for name in SIZES if name in said}
     layout = {n: v for n, v in said.items() if n not in {"target", *sizes}}
     with working("importing"):
         try:

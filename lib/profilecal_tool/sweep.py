@@ -7,10 +7,8 @@ or none, and goes on from there.
 
 import itertools
 import json
-import os
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
 
@@ -121,30 +119,29 @@ def sweep(
     place = str(notebook.resolve().parent)
     folder = output / "runs"
     folder.mkdir(parents=True, exist_ok=True)
-    with _alone(output):
-        jobs, keys = {}, {}
-        for name, parameters in runs.items():
-            keys[name] = _digest([code, parameters, versions], 16)
-            about = _about(folder / f"{name}.ipynb")
-            if about.get("key") != keys[name] or about["error"]:
-                jobs[name] = source, parameters, place, timeout
-        if jobs:
-            with notebooks.workers(scheduler) as client:
-                ended = notebooks.outcomes(client, jobs)
-                bar = tqdm(ended, total=len(jobs), unit="run", disable=None)
-                for name, text, why, seconds in bar:
-                    executed = json.loads(text)
-                    executed["metadata"]["profilecal"] = {
-                        "key": keys[name],
-                        "error": why or _clash(executed, runs[name]),
-                        "duration_s": round(seconds, 3),
-                    }
-                    with written_whole(folder / f"{name}.ipynb") as part:
-                        json_text = json.dumps(executed, indent=1, ensure_ascii=False)
-                        part.write_text(json_text, encoding="utf-8")
-        table, failed = _gather(runs, folder, versions)
-        with written_whole(output / "table.csv") as part:
-            table.to_csv(part, index=False)
+    jobs, keys = {}, {}
+    for name, parameters in runs.items():
+        keys[name] = _digest([code, parameters, versions], 16)
+        about = _about(folder / f"{name}.ipynb")
+        if about.get("key") != keys[name] or about["error"]:
+            jobs[name] = source, parameters, place, timeout
+    if jobs:
+        with notebooks.workers(scheduler) as client:
+            ended = notebooks.outcomes(client, jobs)
+            bar = tqdm(ended, total=len(jobs), unit="run", disable=None)
+            for name, text, why, seconds in bar:
+                executed = json.loads(text)
+                executed["metadata"]["profilecal"] = {
+                    "key": keys[name],
+                    "error": why or _clash(executed, runs[name]),
+                    "duration_s": round(seconds, 3),
+                }
+                with written_whole(folder / f"{name}.ipynb") as part:
+                    json_text = json.dumps(executed, indent=1, ensure_ascii=False)
+                    part.write_text(json_text, encoding="utf-8")
+    table, failed = _gather(runs, folder, versions)
+    with written_whole(output / "table.csv") as part:
+        table.to_csv(part, index=False)
     return table, failed
 
 
@@ -183,26 +180,3 @@ def _gather(
     columns = dict.fromkeys(itertools.chain(*rows))
     first = [column for column in columns if column not in end]
     return pd.DataFrame(rows, columns=[*first, *end]), failed
-
-
-@contextmanager
-def _alone(output: Path) -> Iterator[None]:
-    """Refuse to go on while another sweep writes to `output`."""
-    if os.name != "posix":
-        yield
-        return
-    import fcntl
-
-    handle = os.open(output, os.O_RDONLY)
-    try:
-        # the system frees it, however we end
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise ValueError(
-                f"another sweep is writing to {output}; "
-                "wait for it or name another folder"
-            ) from None
-        yield
-    finally:
-        os.close(handle)

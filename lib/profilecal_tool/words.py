@@ -2,8 +2,6 @@
 with a name.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import stdtrit
@@ -11,11 +9,16 @@ from scipy.special import stdtrit
 from profilecal.calibration.answer import Answer
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.check_mount import MountCheck
-from profilecal.calibration.points import middle_and_corners
+from profilecal.calibration.points import over_all_seen
 from profilecal.calibration.verify import Verification
 from profilecal.geometry.log import DELAY_S
 from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise
-from profilecal.geometry.observability import HAND_PRECISION, brief, name_direction
+from profilecal.geometry.observability import (
+    HAND_PRECISION,
+    brief,
+    name_direction,
+    shift_and_turn,
+)
 from profilecal.joint.prior import FINEST_MM, FREEDOM
 from profilecal.joint.solution import Solution
 from profilecal.scan.scan import Scan
@@ -46,12 +49,11 @@ def answer_lines(found: Calibration, to_paste: str = "") -> list[str]:
         delay = delay_words(1e3 * solution.delay_s, 1e3 * solution.delay_sd_s)
         lines.append(f"delay          {delay}")
     if found.is_known:
-        x, z = middle_and_corners(solution)
-        middle, *corners = np.linalg.norm(found.point_sd_mm(x, z), axis=1)
+        sd = np.linalg.norm(found.point_sd_mm(*over_all_seen(solution)), axis=2)
         lines.append(
             "points         one in the middle of what was seen is known to "
-            f"{brief(middle)} mm in the {found.frame} frame, at its worst corner to "
-            f"{brief(max(corners))}"
+            f"{brief(sd[1, 1])} mm in the {found.frame} frame, at its worst corner to "
+            f"{brief(sd.max())}"
         )
     return lines
 
@@ -84,13 +86,13 @@ def error_lines(found: Calibration) -> list[str]:
     if solution is None or found.misread:
         return []
     errors = robot_errors(solution.noise, solution.prior.scales)
-    lines = [f"robot errors   {errors}"]
-    if solution.noise_source == "given":  # an estimate makes χ²/dof 1
-        lines.append(
-            f"residuals      {solution.rms_mm:.3g} mm rms, "
-            f"χ²/dof {solution.chi2_per_dof:.3g}"
-        )
-    return lines
+    # an estimate of the noise makes χ²/dof 1
+    chi2 = f", χ²/dof {solution.chi2_per_dof:.3g}"
+    chi2 *= solution.noise_source == "given"
+    return [
+        f"robot errors   {errors}",
+        f"residuals      {solution.rms_mm:.3g} mm rms{chi2}",
+    ]
 
 
 def delay_words(delay_ms: float, sd_ms: float) -> str:
@@ -112,12 +114,6 @@ def deviations(covariance: np.ndarray, delta: np.ndarray | None = None) -> str:
     values = sd if delta is None else delta
     known = np.where(sd < HAND_PRECISION, values, np.nan)
     return shift_and_turn(np.r_[known[:3], np.degrees(known[3:])])
-
-
-def shift_and_turn(mm_deg: Sequence[float], between: str = "and") -> str:
-    """Three shifts and three turns (6,) in words, "open" for NaN."""
-    words = ["open" if np.isnan(value) else brief(value) for value in mm_deg]
-    return f"{'  '.join(words[:3])} mm along {between} {'  '.join(words[3:])}°"
 
 
 def robot_errors(noise: Noise, usual: Noise) -> str:
@@ -181,7 +177,7 @@ def other_lines(other: Calibration | Answer) -> list[str]:
         return [f"other pose     {other.status}"]
     if other.status == "ok":
         return ["scan alone     ok"]
-    line = f"scan alone     {other.status}, so also looked at near the pose"
+    line = f"scan alone     {other.status}: what it leaves open rests on the pose"
     return [line, *note_lines(other)]
 
 
@@ -228,12 +224,12 @@ def mount_check_text(check: MountCheck, kind: str) -> str:
 def move_lines(check: MountCheck, kind: str) -> list[str]:
     """What has moved, by how much, and how well that explains what was seen."""
     lines = []
-    for frame in ("sensor", "flange") if check.suspects else ():
-        sizes, sds = check.alone_mm_deg(frame)
+    if check.suspects:
+        sizes, sds = check.alone_mm_deg
         k = np.argmax(np.abs(sizes) / sds)
         word, unit = [("along", " mm"), ("about", "°")][k // 3]
         size = f"{sizes[k]:+.2g} ± {sds[k]:.1g}{unit}"
-        axis = f"{word} the {frame}'s {'xyz'[k % 3]}"
+        axis = f"{word} the sensor's {'xyz'[k % 3]}"
         lines.append(f"as if          moved {size} {axis}, and no other way")
     for name, chance in zip(("sensor", kind), check.chances.values(), strict=True):
         says = f"{chance:.2g} that it is larger if the {name} alone has moved"

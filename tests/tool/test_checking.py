@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.random import default_rng
 from simulated import scan_of
 
 import profilecal as pc
 from profilecal.geometry.poses import rotations
-from profilecal.simulation.scene import random_scene
-from profilecal_tool.checking import affine_noise, check
+from profilecal_tool.checking import check
 
 
 def said_of(scan):
@@ -29,24 +27,10 @@ def test_check_says_about_which_axis_the_flange_turns():
 
 
 @pytest.mark.parametrize(
-    ("kind", "positions", "sentence"),
-    [
-        ("disk", 5, "what a disk shows does not tell it"),
-        ("point", 5, "mm inside groups, from 48"),
-        ("edge", 3, "groups have too few poses (5 or more each)"),
-    ],
+    ("measured", "sentence"), [("profiles", "by the scatter"), ("points", "unknown")]
 )
-def test_check_says_what_tells_the_noise(kind, positions, sentence):
-    assert sentence in said_of(scan_of(kind, groups=12, positions=positions))
-
-
-def test_the_noise_inside_groups_is_that_of_the_scanner():
-    rng = default_rng(18)
-    sigma_mm = 0.05
-    level_mm, freedom = affine_noise(random_scene("edge", rng).noisy(sigma_mm, rng))
-    assert freedom == 25 * (10 - 4) * 2
-    of_median = np.sqrt(0.5 / freedom) * np.sqrt(np.pi / 2)  # over the groups
-    assert abs(level_mm / sigma_mm - 1) < 4 * of_median
+def test_check_says_what_tells_the_noise(measured, sentence):
+    assert sentence in said_of(scan_of("edge", groups=5, measured=measured))
 
 
 @pytest.mark.parametrize(

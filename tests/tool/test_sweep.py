@@ -216,14 +216,6 @@ def test_runs_that_go_wrong(tmp_path, swept, what):
     assert list(failed.values()) == reasons
 
 
-def test_two_sweeps_do_not_write_to_one_folder(notebook, tmp_path):
-    with (
-        sweep._alone(tmp_path),
-        pytest.raises(ValueError, match="another sweep is writing to"),
-    ):
-        sweep.sweep(notebook, GRID, tmp_path)
-
-
 def test_a_scheduler_that_is_not_there_is_named(notebook, tmp_path, monkeypatch):
     monkeypatch.setattr(notebooks, "ANSWERS_S", 1)
     nowhere = "tcp://127.0.0.1:9"

@@ -16,16 +16,6 @@ from profilecal.scan.tables import ScanError, naming
 from profilecal.scan.toml import check_entries, one_of
 
 DEGREES = np.repeat([1.0, 180 / np.pi], 3)  # of δ = (shift, turn) from mm and rad
-# what old files call errors that were considered; these sentences are of that time
-OLD_COLUMNS = {
-    "the profiles' x were too [large|small] by {:.2g} %": "x scale",
-    "the profiles' z were too [large|small] by {:.2g} %": "z scale",
-    "the profiles' x grew with z by {:+.2g} %": "shear",
-    "the profiles were bent by {:+.2g} mm, 50 mm from the middle": "bend",
-    "the radius was too [large|small] by {:.2g} mm": "radius",
-    "the scanner's clock was [behind|ahead] by {:.2g} ms": "delay",
-    "the scanner's clock was too [slow|fast] by {:.2g} ppm": "drift",
-}
 MOST_PRINTS = 1000  # of a scan, in a file
 EXPECTED = (
     "not what `profilecal calibrate --json` prints where it finds a sensor pose, a "
@@ -46,14 +36,12 @@ class Joint:
     robot_errors: dict[str, float]  # entries of `Noise`
     freedom: float  # degrees of freedom with which these are known
     noise_factor: float  # the scanner's noise over what profiles show themselves
-    # middle and steps of the robot's smooth errors, as `joint.problem` takes them; old
-    # files have none
+    # middle and steps of the robot's smooth errors, as `joint.problem` takes them
     smooth: list | None = None
 
     def of(self, names: list[str]) -> tuple[ndarray, ndarray]:
         """Mean and covariance of these columns, zero of those that it does not have."""
-        own = [OLD_COLUMNS.get(column, column) for column in self.columns]
-        mine = np.array([[mine == name for mine in own] for name in names])
+        mine = np.array([[mine == name for mine in self.columns] for name in names])
         return mine @ self.mean, mine @ self.covariance @ mine.T
 
 
@@ -157,9 +145,8 @@ def read_answer(path: str | Path) -> Answer:
     try:
         return answer_of(json.loads(Path(path).read_bytes()))
     except OSError as error:
-        how = "; profilecal calibrate SCAN --json > T.json writes one"
-        missing = isinstance(error, (FileNotFoundError, IsADirectoryError))
-        raise ScanError(f"{path}: {error.strerror}{how * missing}") from error
+        how = "profilecal calibrate SCAN --json > T.json writes one"
+        raise ScanError(f"{path}: {error.strerror}; {how}") from error
     except ScanError as error:
         sentence = str(error).removeprefix("Answer: ").replace("[0]", "")
         raise ScanError(f"{path}: {sentence}") from error

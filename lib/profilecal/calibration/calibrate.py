@@ -2,7 +2,7 @@
 against it, and what else the files may mean.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,6 @@ from scipy.spatial.transform import RigidTransform
 from profilecal.calibration import plausibility
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.doubts import doubts
-from profilecal.calibration.memory import check_memory
 from profilecal.calibration.mount import contradiction, rests_on
 from profilecal.calibration.observe import Seen, observe_all
 from profilecal.calibration.other_conventions import better_readings
@@ -30,7 +29,6 @@ from profilecal.joint.prior import Mount, Prior, prior_from
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import solve
 from profilecal.scan.scan import GUESS_SD, Scan
-from profilecal.scan.tables import listed
 from profilecal.targets.observations import Observations
 
 
@@ -98,7 +96,6 @@ def calibrate(
     check_different(scans)
     scans, remarks = with_few_joined(scans)
     seen, observed, features_mm = observe_all(scans)
-    check_memory(observed)
     shared_mm = max(entry.shared_mm for entry in seen)
     prior = replace(prior_from(stated, features_mm, shared_mm), mount=mount)
     remarks += by_scan(scans, [entry.remarks for entry in seen])
@@ -149,24 +146,23 @@ def believed(
     mount, if they agree. Raises UnobservableError where measurements are fewer than
     unknowns.
     """
-    mount, objection = prior.mount, ""
+    mount, objections = prior.mount, []
     starts = [(mount.rotation, mount.translation)] if mount else []
     alone = solve(observed, replace(prior, mount=None), starts=starts)
     solution, misread = plausibility.check(alone)
-    if mount and np.isfinite(mount.sd).any():  # else a start, no more
+    if mount:
         both = None
         if solution.status != "ok":
             both = with_mount(observed, prior, mount, starts)
         if both:
             solution, misread = both, False
         elif solution.status != "unobservable":
-            objection = contradiction(solution, mount)
-    remarks, on_other_side = remarks_on_sides(scans, seen, solution)
-    against = on_other_side or bool(objection)
-    if solution.status == "ok" and against:
+            objections = [contradiction(solution, mount)]
+    objections = [*filter(None, objections), *other_sides(scans, seen, solution)]
+    if solution.status == "ok" and objections:
         solution = replace(solution, status="weak")
-    messages = filter(None, [objection, *solution.messages, *remarks])
-    return replace(solution, messages=tuple(messages)), misread or against
+    messages = (*objections, *solution.messages)
+    return replace(solution, messages=messages), misread or bool(objections)
 
 
 def with_mount(
@@ -211,14 +207,12 @@ def mount_of(
     return Mount(T[:3, :3], T[:3, 3], sd)
 
 
-def remarks_on_sides(
+def other_sides(
     scans: Sequence[Scan], seen: Sequence[Seen], solution: Solution
-) -> tuple[list[str], bool]:
-    """Targets that the solution puts on the other side of the scan plane than the scan
-    states, in words, and whether that speaks against it: one pose may be in error, but
-    not most of them.
+) -> Iterator[str]:
+    """Sentences on targets that the solution puts on the other side of the scan plane
+    than is stated for most poses.
     """
-    remarks, misread = [], False
     parts = zip(
         prefixes(scans),
         scans,
@@ -231,13 +225,9 @@ def remarks_on_sides(
         R, p = observed.R_flange[0], observed.T_flange[0]
         origins = carry(R, p, solution.translation)
         stated = scan.side[entry.poses]
-        other = stated * target.sides(R @ solution.rotation, origins) < 0
-        if other.any():
-            labels = listed([scan.labels[i] for i in entry.poses[other]])
-            remarks.append(
+        if stated @ target.sides(R @ solution.rotation, origins) < 0:
+            yield (
                 f"{name}the {scan.kind}'s centre lies on the other side of the scan "
-                f"plane than stated for pose {labels}; check side, x and z of the "
+                "plane than stated for most poses; check side, x and z of the "
                 "profiles, or turn the sensor's y axis round"
             )
-            misread |= bool(2 * other.sum() > np.count_nonzero(stated))
-    return remarks, misread

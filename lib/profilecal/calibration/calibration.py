@@ -3,7 +3,7 @@ the user; as JSON.
 """
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -21,7 +21,7 @@ from profilecal.calibration.points import point_sd
 from profilecal.calibration.several_scans import prefixes
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import SMOOTH
-from profilecal.geometry.observability import brief, name_direction
+from profilecal.geometry.observability import name_direction, shift_and_turn
 from profilecal.joint.solution import Solution, column_names
 from profilecal.scan.scan import MOUNTS, Scan
 from profilecal.targets.observations import Observations
@@ -246,8 +246,8 @@ class Calibration:
             total = self.sd_total_mm_deg
             lines += [
                 f"pose of the sensor in the {self.frame} frame, mm:\n{rows}",
-                f"one standard deviation, near these poses: {lengths_and_angles(near)}",
-                f"one standard deviation, elsewhere: {lengths_and_angles(total)}",
+                f"one standard deviation, near these poses: {shift_and_turn(near)}",
+                f"one standard deviation, elsewhere: {shift_and_turn(total)}",
             ]
         lines += [shorten(message, 88) for message in self.messages[:7]]
         return "\n".join(lines)
@@ -284,12 +284,6 @@ class Calibration:
                 "delay_source": "given" if given else "estimated",
             }
         return json.loads(json.dumps(entries, default=ndarray.tolist))
-
-
-def lengths_and_angles(mm_deg: Iterable[float]) -> str:
-    """Three of each, brief."""
-    x, y, z, rx, ry, rz = map(brief, mm_deg)
-    return f"{x}  {y}  {z} mm, {rx}  {ry}  {rz}°"
 
 
 def write_answer(found: Calibration, path: str | Path) -> None:
@@ -348,8 +342,7 @@ def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
     problem, prior = solution.problem, solution.prior
     shown = prior.scales.profile_mm if prior.source == "profiles" else solution.noise_mm
     frames = zip(scans, solution.state.placements, strict=True)
-    robot = zip(sizes.sizes[1:], sizes.mean_v[1:], strict=True)
-    robot_errors = {size.name: v**0.5 for size, v in robot}
+    robot_errors = sizes.of_robot
     smooth = {}
     if SMOOTH in robot_errors:
         smooth["smooth"] = solution.smooth.known

@@ -46,7 +46,6 @@ class MountCheck:
     moves: Evidence
     by_hand: ndarray  # (6 + t,) how well one would know these by hand
     freedom: float  # degrees of freedom with which the robot's errors are known
-    rotation: ndarray  # (3, 3) of the sensor in the flange frame, or the base frame
 
     @property
     def chi2(self) -> float:
@@ -95,21 +94,19 @@ class MountCheck:
         """
         return tuple(what for what in self.chances if self.chances[what] > FALSE_ALARM)
 
-    def alone_mm_deg(self, frame: str = "sensor") -> tuple[ndarray, ndarray]:
-        """By how much the sensor would have moved along or about one axis alone, each
-        of the sensor's or the flange's, in its origin: (6,) with standard deviations.
+    @property
+    def alone_mm_deg(self) -> ndarray:
+        """By how much the sensor would have moved along or about one of its axes alone,
+        and the standard deviations, (2, 6).
         """
-        axes = np.eye(3) if frame == "sensor" else self.rotation.T
-        M = np.eye(len(self.by_hand))[:, :6] @ np.kron(np.eye(2), axes)
-        sizes, sds = self.moves.along(M).each()
-        return sizes * DEGREES, sds * DEGREES
+        return self.moves.each()[:, :6] * DEGREES
 
     @property
     def seen_mm_deg(self) -> ndarray:
         """(6,) how far the sensor would have to move along or about one of its axes for
         these poses to show it with a chance of 90 %.
         """
-        _, sd = self.alone_mm_deg()
+        _, sd = self.alone_mm_deg
         return sd * np.sqrt(self.shown_square)
 
     @property
@@ -221,7 +218,6 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
         moves=moves_after(model, noise, *joint.of(names), problem.n),
         by_hand=problem.units,
         freedom=joint.freedom,
-        rotation=found.pose[:3, :3],
     )
 
 

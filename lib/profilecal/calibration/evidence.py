@@ -36,12 +36,12 @@ class Evidence:
         information = M.T @ self.information @ M
         return Evidence(information, M.T @ self.slope, self.chi2, self.moves @ M)
 
-    def each(self) -> tuple[ndarray, ndarray]:
+    def each(self) -> ndarray:
         """Each step that makes the residuals smallest, if there is no other, and its
-        standard deviation, (k,) (Rao's score test, 1948).
+        standard deviation, (2, k) (Rao's score test, 1948).
         """
         information = np.diag(self.information)
-        return -self.slope / information, information**-0.5
+        return np.array([-self.slope / information, information**-0.5])
 
     def left(self) -> float:
         """The χ² that is left where all steps may be made, each with a standard

@@ -8,7 +8,6 @@ scanner turned by 180°. Beside a mount that is known roughly they show.
 
 import numpy as np
 from numpy import ndarray
-from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
@@ -28,13 +27,14 @@ from profilecal.joint.solve import frame_of
 # By what the profiles' x and z may be: half a turn of the sensor that looks the same;
 # y, which no profile shows, turns along.
 MISTAKEN = {
-    "": np.eye(3),
+    "z of the profiles were about {:+.0f} mm off": np.eye(3),
     "z of the profiles were negated": np.diag([1.0, -1, -1]),
     "x of the profiles were negated": np.diag([-1.0, -1, 1]),
     "x and z of the profiles were negated": np.diag([-1.0, 1, -1]),
     "x and z of the profiles were exchanged": np.diag([1.0, -1, 1])[::-1],
 }
 ORIGIN_MM = 300.0  # makers let z begin at the housing, or in the middle of the range
+NOTHING = 1e4  # mm or rad: as much as nothing is known
 
 
 def shown_by(solution: Solution) -> tuple[ndarray, Spectrum]:
@@ -50,14 +50,44 @@ def shown_by(solution: Solution) -> tuple[ndarray, Spectrum]:
 
 def contradiction(solution: Solution, mount: Mount) -> str:
     """A sentence on how a solution contradicts what is known of the mount, and on what
-    would explain it; empty where it does not.
+    would explain it; empty where chance does.
     """
-    causes = explanations(solution, mount)
-    if causes is None:
+    R, T = mount.rotation, mount.translation
+    offset, shown = shown_by(solution)
+    D = shown.directions[shown.sd < 1] / HAND_PRECISION
+    beside = solution.covariance_total - solution.covariance
+    C = shown.covariance + beside + np.diag(np.minimum(mount.sd, NOTHING) ** 2)
+
+    def off(R: ndarray, T: ndarray) -> ndarray:
+        """How far the solution is from a mount."""
+        return pose_error(solution.rotation, solution.translation, R, T)
+
+    def agrees(R: ndarray, T: ndarray, z_mm: float = 0.0) -> bool:
+        """Whether chance explains how far a mount, of such a doubt along z, is from
+        what the residuals say, in the directions that these determine.
+        """
+        doubt = D @ (C + np.diag([0, 0, z_mm**2, 0, 0, 0])) @ D.T
+        square = normalised_square(doubt, D @ (off(R, T) - offset))
+        return not chdtrc(len(D), square) < FALSE_ALARM  # NaN where there are none
+
+    if agrees(R, T):
         return ""
-    shift, turn = pose_error(
-        solution.rotation, solution.translation, mount.rotation, mount.translation
-    ).reshape(2, 3)
+    shift, turn = off(R, T).reshape(2, 3)
+    causes = [
+        words.format(shift[2])
+        for words, turned in MISTAKEN.items()
+        if agrees(R @ turned, T, ORIGIN_MM)
+    ]
+    if agrees(*inverse(R, T)):
+        causes.append("the guess were of the flange in the sensor's frame")
+    # some frame on the flange explains any difference: this cause is always there
+    tool = homogeneous(R, T) @ np.linalg.inv(solution.pose)
+    x, y, z = tool[:3, 3]
+    w, p, r = Rotation.from_matrix(tool[:3, :3]).as_euler("xyz", degrees=True)
+    causes.append(
+        "the poses were of a tool whose frame is at about "
+        f"{x:.0f}, {y:.0f}, {z:.0f} mm and {w:.0f}, {p:.0f}, {r:.0f}° on the flange"
+    )
     said = (mount.sd[0], " mm"), (np.degrees(mount.sd[3]), "°")
     good = " and ".join(f"{sd:.3g}{unit}" for sd, unit in said if np.isfinite(sd))
     return (
@@ -66,54 +96,6 @@ def contradiction(solution: Solution, mount: Mount) -> str:
         f"which is said to be good to {good}; "
         f"it looks as if {', or as if '.join(causes)}; no residual can tell"
     )
-
-
-def explanations(solution: Solution, mount: Mount) -> list[str] | None:
-    """What would bring the mount to where the residuals have the sensor, in words; None
-    where chance does.
-    """
-    R, T = solution.rotation, solution.translation
-    offset, shown = shown_by(solution)
-    determined = shown.directions[shown.sd < 1]
-    is_said = np.isfinite(mount.sd)
-    # of these the combinations of which the mount says something
-    D = null_space(determined[:, ~is_said].T).T @ determined / HAND_PRECISION
-    if not len(D):
-        return None
-    beside = solution.covariance_total - solution.covariance
-    C = shown.covariance + beside + np.diag(np.where(is_said, mount.sd, 0) ** 2)
-
-    def agrees(rotation: ndarray, translation: ndarray, z_mm: float = 0.0) -> bool:
-        """Whether chance explains how far a mount, of such a doubt along z, is from
-        what the residuals say, in the directions that both tell.
-        """
-        error = D @ (pose_error(R, T, rotation, translation) - offset)
-        doubt = D @ (C + np.diag([0, 0, z_mm**2, 0, 0, 0])) @ D.T
-        chance = chdtrc(len(error), normalised_square(doubt, error))
-        return bool(chance > FALSE_ALARM)
-
-    delta = pose_error(R, T, mount.rotation, mount.translation)
-    from_elsewhere = f"z of the profiles were about {delta[2]:+.0f} mm off"
-    causes = []
-    for words, turn in MISTAKEN.items():
-        turned = mount.rotation @ turn
-        if agrees(turned, mount.translation):
-            if not words:
-                return None
-            causes.append(words)
-        elif agrees(turned, mount.translation, ORIGIN_MM):
-            causes.append(f"{words} and {from_elsewhere}" if words else from_elsewhere)
-    if agrees(*inverse(mount.rotation, mount.translation)):
-        causes.append("the guess were of the flange in the sensor's frame")
-    # some frame on the flange explains any difference: this cause is always there
-    tool = homogeneous(mount.rotation, mount.translation) @ np.linalg.inv(solution.pose)
-    x, y, z = tool[:3, 3]
-    w, p, r = Rotation.from_matrix(tool[:3, :3]).as_euler("xyz", degrees=True)
-    causes.append(
-        "the poses were of a tool whose frame is at about "
-        f"{x:.0f}, {y:.0f}, {z:.0f} mm and {w:.0f}, {p:.0f}, {r:.0f}° on the flange"
-    )
-    return causes
 
 
 def rests_on(solution: Solution, mount: Mount) -> list[str]:

@@ -6,6 +6,7 @@ from textwrap import shorten
 
 import numpy as np
 from numpy import ndarray
+from scipy.linalg import block_diag
 
 from profilecal.profiles.points import Feature
 from profilecal.scan.scan import MEASURED, Scan
@@ -26,15 +27,8 @@ class Seen:
     # of it by the profiles themselves, mm², as `Observations` has it
     covariance: ndarray | None = None
     shared_mm: float = 0.0  # the part of its error that poses of one orientation share
-    # why other poses did not see it, and the labels of these
-    missing: tuple[tuple[str, list[str]], ...] = ()
-    remark: str = ""  # what else there is to say
-
-    @property
-    def remarks(self) -> list[str]:
-        """All that there is to say, in sentences."""
-        missing = [f"{reason}: {listed(labels)}" for reason, labels in self.missing]
-        return missing + [self.remark] * bool(self.remark)
+    # why other poses did not see it, and what else there is to say
+    remarks: tuple[str, ...] = ()
 
     @property
     def typical_mm(self) -> float:
@@ -56,8 +50,7 @@ def observe(scan: Scan, least: int = 0) -> Seen:
     """
     seen = from_profiles(scan) if scan.measured == "profiles" else from_table(scan)
     if len(seen.poses) < least:
-        reasons = "; ".join(reason for reason, _ in seen.missing)
-        why = f" ({shorten(reasons, 300)})" if reasons else ""
+        why = f" ({shorten('; '.join(seen.remarks), 500)})"
         for name, length in scan.measures.items():
             why += f"; is its {name} {length:g} mm?"
         title = scan.title or f"the {scan.kind}"
@@ -78,16 +71,17 @@ def from_profiles(scan: Scan) -> Seen:
         poses=np.flatnonzero([feature.found for feature in features]),
         points=points,
         covariance=covariance,
-        missing=missing_by_reason(scan.labels, features),
+        remarks=left_out(scan.labels, [feature.reason for feature in features]),
     )
-    bias = next((feature.bias for feature in found if feature.bias), "")
-    if not bias:
-        return seen
-    remark = (
-        f"{bias}: {seen.typical_mm:.2g} mm for each are counted in; corners and ends "
-        "of flat faces are better"
-    )
-    return replace(seen, shared_mm=seen.typical_mm, remark=remark)
+    for feature in found:
+        if feature.bias:
+            remark = (
+                f"{feature.bias}: {seen.typical_mm:.2g} mm for each are counted in; "
+                "corners and ends of flat faces are better"
+            )
+            remarks = (*seen.remarks, remark)
+            return replace(seen, shared_mm=seen.typical_mm, remarks=remarks)
+    return seen
 
 
 def curve_points(features: Sequence[Feature]) -> tuple[ndarray, ndarray]:
@@ -109,29 +103,23 @@ def marked_points(features: Sequence[Feature], m: int) -> tuple[ndarray, ndarray
     `Observations` has them: chords have tips on one line.
     """
     k = len(features)
-    points = np.reshape([feature.points for feature in features], (k, m, 2))
-    covariance = np.zeros((k, m, 2, m, 2))
-    least = LEAST_NOISE_MM**2 * np.eye(2)
-    for pairs, feature in zip(covariance, features, strict=True):
-        # of each point with itself
-        pairs[range(m), :, range(m)] = feature.covariance + least
+    covariance = np.empty((k, 2 * m, 2 * m))
+    for whole, feature in zip(covariance, features, strict=True):
+        whole[:] = block_diag(*feature.covariance) + LEAST_NOISE_MM**2 * np.eye(2 * m)
         if feature.between is not None:
-            pairs[0, :, 1], pairs[1, :, 0] = feature.between, feature.between.T
-    return points, covariance.reshape(k, 2 * m, 2 * m)
+            whole[:2, 2:], whole[2:, :2] = feature.between, feature.between.T
+    return np.reshape([feature.points for feature in features], (k, m, 2)), covariance
 
 
-def missing_by_reason(
-    labels: Sequence[str], features: Sequence[Feature]
-) -> tuple[tuple[str, list[str]], ...]:
-    """Why profiles do not show the target, and the labels of these."""
-    by_reason: dict[str, tuple[str, list[str]]] = {}
-    for label, feature in zip(labels, features, strict=True):
-        if not feature.found:
-            alike = "".join(filter(str.isalpha, feature.reason))  # numbers may differ
-            _, own = by_reason.setdefault(alike, (feature.reason, []))
-            own.append(label)
+def left_out(labels: Sequence[str], reasons: Sequence[str]) -> tuple[str, ...]:
+    """Sentences on the poses that did not see the target, those with a reason."""
+    alike: dict[str, list[int]] = {}
+    for k, reason in enumerate(reasons):
+        if reason:  # in which numbers may differ
+            alike.setdefault("".join(filter(str.isalpha, reason)), []).append(k)
     return tuple(
-        (f"{len(own)} left out, {reason}", own) for reason, own in by_reason.values()
+        f"{len(own)} left out, {reasons[own[0]]}: {listed(labels[k] for k in own)}"
+        for own in alike.values()
     )
 
 
@@ -139,11 +127,10 @@ def from_table(scan: Scan) -> Seen:
     """The points, chords or arcs that a scan holds."""
     rows = [values[np.isfinite(values).all(axis=1)][:1] for values in scan.values]
     poses = np.flatnonzero([*map(len, rows)])
-    missed = [scan.labels[i] for i, own in enumerate(rows) if not len(own)]
-    reason = f"{len(missed)} left out, no {scan.measured[:-1]}"
+    reasons = ["" if len(own) else f"no {scan.measured[:-1]}" for own in rows]
     nothing = np.empty((0, len(MEASURED[scan.measured])))
     points = points_of(scan.measured, np.concatenate([nothing, *rows]))
-    return Seen(poses, points, missing=((reason, missed),) if missed else ())
+    return Seen(poses, points, remarks=left_out(scan.labels, reasons))
 
 
 def points_of(measured: str, values: ndarray) -> ndarray:

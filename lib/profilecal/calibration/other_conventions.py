@@ -11,7 +11,6 @@ halfway between x and z.
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import chain
 
 import numpy as np
 from numpy import ndarray
@@ -46,8 +45,6 @@ QUATERNIONS = {  # columns of the scalar, x, y and z
     "x, y, z, w": [3, 0, 1, 2],
     "z, w, x, y (as if columns named qx, qy, qz, qw held w, x, y, z)": [1, 2, 3, 0],
 }
-# in words, what to look at, and what was seen as it would then be
-Reading = tuple[str, str, Observations]
 
 
 def better_readings(scan: Scan, seen: Seen) -> list[str]:
@@ -60,19 +57,18 @@ def better_readings(scan: Scan, seen: Seen) -> list[str]:
     stated, _ = misfit(observed, widely=True)
     if not FINE_MM < stated < np.inf:
         return []
-    others = chain(readings(scan, seen.poses, observed), other_lengths(scan, observed))
-    tried = [(*misfit(observed), words, check) for words, check, observed in others]
-    tried.sort(key=lambda one: one[0])
-    best, freedom, *_ = tried[0]
+    others = readings(scan, seen.poses, observed)
+    tried = sorted((*misfit(observed), words) for words, observed in others)
+    best, freedom, _ = tried[0]
     best = max(best, FINEST_MM)
     by_chance = freedom * np.log(stated / best) < LUCK
     if best > LARGEST_ERROR_MM or stated < FAR_BETTER * best or by_chance:
         return []
-    alike = [one for one in tried if one[0] < FAR_BETTER * best]
-    words = " or ".join(words for *_, words, _ in alike)
-    checks = "; ".join(dict.fromkeys(check for *_, check in alike))
-    residuals = f"the residuals are {brief(best)} mm instead of {brief(stated)} mm"
-    return [f"with {words} {residuals}; {checks}"]
+    alike = " or ".join(words for mm, _, words in tried if mm < FAR_BETTER * best)
+    return [
+        f"with {alike} the residuals are {brief(best)} mm instead of "
+        f"{brief(stated)} mm; correct the files if they hold that"
+    ]
 
 
 def misfit(observations: Observations, widely: bool = False) -> tuple[float, int]:
@@ -96,41 +92,39 @@ def misfit(observations: Observations, widely: bool = False) -> tuple[float, int
     return float(best * np.sqrt(1 + problem.n / freedom)), freedom
 
 
-def readings(scan: Scan, poses: ndarray, observed: Observations) -> Iterator[Reading]:
-    """All other readings of a scan's poses, of which some, by number, were observed
-    from.
+def readings(
+    scan: Scan, poses: ndarray, observed: Observations
+) -> Iterator[tuple[str, Observations]]:
+    """All other readings, in words, and what was then seen from some poses, by number,
+    of a scan.
     """
     R, p = scan.R_base_flange, scan.p_base_flange
+
+    def posed(R: ndarray, p: ndarray) -> Observations:
+        """The same if the flange was at all these poses in the base."""
+        frames = R[poses], p[poses]
+        R, p = inverse(*frames) if observed.eye_to_hand else frames
+        return replace(observed, R_flange=R[None], T_flange=p[None])
+
     (mount,) = {*MOUNTS} - {scan.mount}
-    yield (
-        f'mount = "{mount}" or, what is the same, every pose inverted (base in flange)',
-        "check the mount, and which frame the poses are in",
-        posed(observed, *inverse(R[poses], p[poses])),
-    )
-    for words, rows in (
-        ("each profile taken from the next row's pose", poses + 1),
-        ("each profile taken from the previous row's pose", poses - 1),
-        ("the profiles in reverse order", len(p) - 1 - poses),
+    inverted = "or, what is the same, every pose inverted (base in flange)"
+    yield f'mount = "{mount}" {inverted}', posed(*inverse(R, p))
+    rows = np.arange(len(p))
+    for words, order in (
+        ("each profile taken from the next row's pose", np.roll(rows, -1)),
+        ("each profile taken from the previous row's pose", np.roll(rows, 1)),
+        ("the profiles in reverse order", rows[::-1]),
     ):
-        inside = (rows >= 0) & (rows < len(p))
-        others = rows[inside]
-        shifted = posed(observed.keep(inside), R[others], p[others])
-        yield words, "check which pose each profile belongs to", shifted
+        yield words, posed(R[order], p[order])
     for unit, factor in UNITS.items():
-        yield (
-            f"the poses' x, y, z in {unit} instead of mm",
-            "check the units of poses and profiles",
-            posed(observed, R[poses], factor * p[poses]),
-        )
+        yield f"the poses' x, y, z in {unit} instead of mm", posed(R, factor * p)
     for words, rotation in other_rotations(scan):
-        turned = posed(observed, rotation.as_matrix()[poses], p[poses])
-        yield words, "check how the robot prints its poses", turned
-
-
-def posed(observed: Observations, R: ndarray, p: ndarray) -> Observations:
-    """The same from other poses of the flange in the base."""
-    frames = inverse(R, p) if observed.eye_to_hand else (R, p)
-    return replace(observed, R_flange=frames[0][None], T_flange=frames[1][None])
+        yield words, posed(rotation.as_matrix(), p)
+    if scan.sizes:
+        fitting = with_best_lengths(observed)
+        lengths = replace(scan, sizes=fitting.sizes).measures.items()
+        words = " and ".join(f"a {name} of {mm:.3g} mm" for name, mm in lengths)
+        yield words, fitting
 
 
 def other_rotations(scan: Scan) -> Iterator[tuple[str, Rotation]]:
@@ -147,7 +141,7 @@ def other_rotations(scan: Scan) -> Iterator[tuple[str, Rotation]]:
             for words, sequence in SEQUENCES.items():
                 rotation = Rotation.from_euler(sequence, degrees, degrees=True)
                 yield f"{read} {words} in {unit}", rotation
-            rotation = Rotation.from_rotvec(np.radians(degrees))
+            rotation = Rotation.from_rotvec(degrees, degrees=True)
             yield f"{read} a rotation vector in {unit}", rotation
     if len(stated.columns) == 4:
         for words, order in QUATERNIONS.items():
@@ -157,23 +151,14 @@ def other_rotations(scan: Scan) -> Iterator[tuple[str, Rotation]]:
     yield "every rotation inverted (matrices transposed)", inverted
 
 
-def other_lengths(scan: Scan, observed: Observations) -> Iterator[Reading]:
-    """The scan with each of its target's lengths as it fits best."""
-    for k, (name, given) in enumerate(scan.measures.items()):
-        fitting = with_best_length(observed, k)
-        words = f"a {name} of {fitting.sizes[k]:.3g} mm"
-        yield words, f"{given:g} mm was given", fitting
+def with_best_lengths(stated: Observations) -> Observations:
+    """With the target's lengths as they fit best, a quarter to four times as long."""
 
-
-def with_best_length(stated: Observations, k: int) -> Observations:
-    """With the k-th length as it fits best, a quarter to four times as long."""
-
-    def times(ratio: float) -> Observations:
-        sizes = [*stated.sizes]
-        sizes[k] *= ratio
-        return replace(stated, sizes=tuple(sizes))
+    def times(log_ratio: ndarray) -> Observations:
+        ratio = 2 ** log_ratio.item()
+        return replace(stated, sizes=tuple(ratio * mm for mm in stated.sizes))
 
     def rms_mm(log_ratio: ndarray) -> float:
-        return misfit(times(2 ** log_ratio.item()))[0]
+        return misfit(times(log_ratio))[0]
 
-    return times(2 ** brute(rms_mm, [slice(-2, 2.1, 0.25)]).item())
+    return times(brute(rms_mm, [slice(-2, 2.1, 0.25)]))

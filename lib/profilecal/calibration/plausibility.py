@@ -9,6 +9,7 @@ than noise speak against a solution too.
 import re
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import compress
 
 import numpy as np
 from numpy import ndarray
@@ -43,10 +44,8 @@ ALLOWED = (
 
 def in_words(error: Perturbation, correction: float) -> str:
     """An error with its size, in its own unit, the opposite of its correction."""
-    size = -correction
-    words = EITHER_WAY.sub(r"\1" if size > 0 else r"\2", error.words)
-    is_signed = words == error.words
-    return words.format(error.unit * (size if is_signed else abs(size)))
+    words = EITHER_WAY.sub(r"\1" if correction < 0 else r"\2", error.words)
+    return words.format(brief(error.unit * abs(correction)))
 
 
 @dataclass(frozen=True)
@@ -57,8 +56,12 @@ class Finding:
     correction: float  # that makes the residuals smallest, mm or rad or 1
     clear: float  # the correction over its standard deviation
     moves: ndarray  # (6,) how it moves the sensor pose, mm and rad
-    among: int  # so many tests
     not_allowed_for: float  # the chance that the answer did not allow for as much
+
+    @property
+    def words(self) -> str:
+        """What it looks like."""
+        return in_words(self.error, self.correction)
 
 
 def systematic_tests(solution: Solution) -> list[Finding]:
@@ -71,35 +74,24 @@ def systematic_tests(solution: Solution) -> list[Finding]:
         says = evidence(normal, model.precision[:n, :n], slice(n, None))
         corrections, sds = says.each()
         visible = sds**-2 > ABSORBED * np.diag(normal)[n:-1]
-    allowed = poor_errors(solution)
+    moves, allowed = (says.moves[:6] * corrections).T, poor_errors(solution)
+    every = zip(tried, corrections, corrections / sds, moves, strict=True)
     return [
-        Finding(
-            error=tried[k],
-            correction=corrections[k],
-            clear=corrections[k] / sds[k],
-            moves=says.moves[:6, k] * corrections[k],
-            among=len(tried),
-            not_allowed_for=1 - allowed.get(tried[k], 0.0),
-        )
-        for k in np.flatnonzero(visible)
+        Finding(*one, 1 - allowed.get(one[0], 0.0)) for one in compress(every, visible)
     ]
 
 
 def robot_patterns() -> list[Perturbation]:
     """Scales of the positions, drifts."""
-    positions = "the robot's positions"
-    far = "too [far apart|close together] by {:.2g} %"
-    errors = [Perturbation(f"{positions} were {far}", 100, positions=off_middle)]
+    far = "were too [far apart|close together] by {} %"
+    errors = [Perturbation(f"the robot's positions {far}", 100, positions=off_middle)]
+    drift = "the robot or the target drifted along the base's [{0}|-{0}] by {{}} mm"
     for axis, direction in zip("xyz", np.eye(3), strict=True):
-        along = f"along the base's {axis}"
-        scale = f"{positions} {along} were {far}"
-        drift = f"the robot or the target drifted {along} by {{:.2g}} mm"
+        scale = f"the robot's positions along the base's {axis} {far}"
         scaled = partial(off_middle, along=direction)
         drifting = partial(drifted, along=direction)
-        errors += [
-            Perturbation(scale, 100, positions=scaled),
-            Perturbation(drift, 1, positions=drifting),
-        ]
+        errors.append(Perturbation(scale, 100, positions=scaled))
+        errors.append(Perturbation(drift.format(axis), 1, positions=drifting))
     return errors
 
 
@@ -194,37 +186,39 @@ def allowed_for(solution: Solution) -> list[str]:
     for, where that is likely to be larger than usual.
     """
     found = solution.error_sizes.mean[solution.problem.systematics]
-    sizes, poor = solution.problem.considered, poor_errors(solution)
-    correction = dict(zip(sizes, found, strict=True))
-    likely = [error for error, chance in poor.items() if chance > 0.5]
+    sizes, chances = solution.problem.considered, poor_errors(solution).values()
+    likely = [
+        (abs(correction) / size, in_words(error, correction))
+        for (error, size), correction, chance in zip(
+            sizes.items(), found, chances, strict=True
+        )
+        if chance > 0.5
+    ]
     if not likely:
         return []
-    error = max(likely, key=lambda error: abs(correction[error]) / sizes[error])
-    looks = in_words(error, correction[error])
+    _, looks = max(likely)
     return [f"the residuals look most as if {looks}: more than is usual; {ALLOWED}"]
 
 
 def clear_findings(findings: list[Finding]) -> list[Finding]:
     """Those that chance does not explain, clearest first."""
-    limit = FALSE_ALARM / 2
-    clear = [one for one in findings if abs(one.clear) > -ndtri(limit / one.among)]
+    limit = -ndtri(FALSE_ALARM / 2 / (len(findings) or 1))
+    clear = [one for one in findings if abs(one.clear) > limit]
     clear.sort(key=lambda one: -abs(one.clear))
     return [one for one in clear if abs(one.clear) > SHADOW * abs(clear[0].clear)]
 
 
 def accusation(guilty: list[Finding]) -> str:
-    """What the residuals look like, and what it would do."""
-    most = max(guilty, key=lambda one: np.linalg.norm(one.moves[:3]))
-    shift_mm = np.linalg.norm(most.moves[:3])
-    turn_deg = np.degrees(np.linalg.norm(most.moves[3:]))
-    sentences = [in_words(one.error, one.correction) for one in guilty[:4]]
-    causes = ", or as if ".join(sentences)
+    """What the residuals look like, and what the clearest of it would do."""
+    clearest = guilty[0]
+    shift, turn = np.linalg.norm(clearest.moves.reshape(2, 3), axis=1)
+    causes = ", or as if ".join(one.words for one in guilty[:4])
     remedy = "the covariance is enlarged to match"
     if max(one.not_allowed_for for one in guilty) < 0.5:
         remedy = ALLOWED
     return (
         f"the residuals look as if {causes} "
-        f"({abs(guilty[0].clear):.0f} standard deviations), "
-        f"which would move the sensor by up to {brief(shift_mm)} mm and "
-        f"{brief(turn_deg)}°; {remedy}"
+        f"({abs(clearest.clear):.0f} standard deviations), "
+        f"which would move the sensor by up to {brief(shift)} mm and "
+        f"{brief(np.degrees(turn))}°; {remedy}"
     )

@@ -5,10 +5,9 @@ from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from profilecal.geometry.checks import check_rigid
-from profilecal.geometry.noise import SMOOTH
+from profilecal.geometry.noise import SMOOTH, by_unit
 from profilecal.geometry.poses import carry
 from profilecal.joint.solution import Solution
-from profilecal.targets.ball import Ball
 
 
 def point_sd(
@@ -54,33 +53,24 @@ def lever(p: ndarray) -> ndarray:
 
 
 def robot_variances(solution: Solution) -> ndarray:
-    """Of the flange's shift and turn (6,) at a pose, mm² and rad²."""
-    sizes = solution.error_sizes
-    variances = {"mm": 0.0, "deg": 0.0, "ms": 0.0}
-    for size, v in zip(sizes.sizes[1:], sizes.mean_v[1:], strict=True):
-        if size.name != SMOOTH:  # which the total covariance has
-            variances[size.name.rsplit("_")[-1]] += v
-    return np.repeat([variances["mm"], variances["deg"] * np.radians(1) ** 2], 3)
+    """Of the flange's shift and turn (6,) at a pose, mm² and rad², without smooth
+    errors, which the total covariance has.
+    """
+    sizes = solution.error_sizes.of_robot | {SMOOTH: 0.0}
+    return sum((by_unit(name) * size) ** 2 for name, size in sizes.items())
 
 
 def points_seen(solution: Solution) -> ndarray:
-    """x and z (2, n), mm, of all that was seen; of circles, the arcs."""
-    seen = []
-    for term in solution.problem.terms:
-        points = np.where(term.present, term.seen, np.nan)
-        if term.observed.are_circles:
-            centre, radius = term.circles[:2], term.circles[2]
-            angle = np.radians(Ball.half_arc_deg) * np.linspace(-1, 1, 5)
-            outward = np.stack([np.sin(angle), -np.cos(angle)])
-            points = centre + radius * outward[:, None, :, None]
-        seen.append(points.reshape(2, -1))
-    every = np.concatenate(seen, axis=1)
-    return every[:, np.isfinite(every).all(axis=0)]
+    """x and z (2, n), mm, of all that was seen; of circles, two points of each arc."""
+    seen = [
+        entry.points[0, :, int(entry.are_circles) :].reshape(-1, 2)
+        for entry in solution.problem.observations
+    ]
+    every = np.concatenate(seen)
+    return every[np.isfinite(every).all(axis=1)].T
 
 
-def middle_and_corners(solution: Solution) -> tuple[ndarray, ndarray]:
-    """x and z (5,) of the middle and the four corners of what was seen, mm."""
+def over_all_seen(solution: Solution) -> list[ndarray]:
+    """x and z (3, 3), mm, from corner to corner of what was seen."""
     seen = points_seen(solution)
-    (left, near), (right, far) = seen.min(axis=1), seen.max(axis=1)
-    x = np.array([(left + right) / 2, left, left, right, right])
-    return x, np.array([(near + far) / 2, near, far, near, far])
+    return [*np.meshgrid(*np.linspace(seen.min(axis=1), seen.max(axis=1), 3).T)]

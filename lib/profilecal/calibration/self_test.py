@@ -7,10 +7,11 @@ answer has the targets: along their residuals
 
     r = A x + E u + e
 
-Two things are counted. Does the region of each solution hold the pose that its scan was
+Two things are asked. Does the region of each solution hold the pose that its scan was
 simulated with? Regions are made to hold at 99 % (`error_sizes.growth`), so more than 95
 of 100 lie in those of 95 %. And is what the residuals of the real scan look like, by
-every pattern that is tested (`plausibility`), what chance makes of such scans?
+every pattern that is tested (`plausibility`), what chance makes of such scans? By these
+each pattern, over its standard deviation, is a standard normal number.
 """
 
 from dataclasses import dataclass, replace
@@ -21,11 +22,16 @@ from numpy.random import Generator
 from scipy.special import bdtr, ndtr, stdtr
 
 from profilecal.calibration.calibration import Calibration
-from profilecal.calibration.plausibility import in_words, systematic_tests
+from profilecal.calibration.plausibility import systematic_tests
 from profilecal.calibration.several_scans import prefixes
 from profilecal.geometry.checks import check_type
-from profilecal.geometry.noise import FALSE_ALARM, Noise, chi2_limit, normalised_square
-from profilecal.geometry.poses import pose_error, rotations
+from profilecal.geometry.noise import (
+    FALSE_ALARM,
+    by_unit,
+    chi2_limit,
+    normalised_square,
+)
+from profilecal.geometry.poses import difference, rotations
 from profilecal.geometry.progress import watched
 from profilecal.joint.prior import BEND, Mount, Prior
 from profilecal.joint.problem import FLANGE
@@ -36,8 +42,8 @@ from profilecal.targets.observations import Observations
 
 FEWEST = 10
 TINY = 1e-9  # mm or degrees: no error
-WIDTH = 1.96  # standard deviations from the middle to either end of 95 %
 LEAST_LINE = 10  # points of a line whose bend is looked at
+WIDTH = 1.96  # standard deviations from the middle to either end of 95 %
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -146,36 +152,18 @@ def self_test(found: Calibration, count: int = 100, seed: int = 1) -> SelfTest:
         raise ValueError(f"count is {count}; expected {FEWEST} or more")
     solution, rng = found.known_solution, np.random.default_rng(seed)
     columns = solution.problem.columns_in_mm(solution.state)
-    real = systematic_tests(solution)
-    squares, clear = [], []
+    squares = []
     for _ in watched(range(count), "simulating scans"):
         observed = simulated(solution, columns, rng)
         again = solve(observed, guessed_anew(solution, rng), robust=False)
-        error = pose_error(
-            again.rotation, again.translation, solution.rotation, solution.translation
-        )
+        error = difference(again.pose, solution.pose)
         squares.append(normalised_square(again.covariance, error))
-        tests = {one.error.words: one.clear for one in systematic_tests(again)}
-        clear.append([tests.get(one.error.words, np.nan) for one in real])
-    words = [in_words(one.error, one.correction) for one in real]
-    seen = np.array([one.clear for one in real])
-    # few scans hardly tell: what a calibration calls clear is clear here too
-    by_chance = np.minimum(beyond(seen, np.array(clear)), 2 * ndtr(-np.abs(seen)))
-    chances = dict(zip(words, by_chance.tolist(), strict=True))
+    tests = systematic_tests(solution)
+    chances = {one.words: float(2 * ndtr(-abs(one.clear))) for one in tests}
     for name, scan in zip(prefixes(found.scans), found.scans, strict=True):
         bends = bend_of_lines(scan, solution)
         chances |= {name + words: chance for words, chance in bends.items()}
     return SelfTest(np.array(squares), chances)
-
-
-def beyond(real: ndarray, simulated: ndarray) -> ndarray:
-    """The chance (k,) that a normal number is farther from the mean of its law, of
-    which there are N draws (N, k), than the real one (k,) is.
-    """
-    count = np.isfinite(simulated).sum(axis=0)
-    sd = np.nanstd(simulated, axis=0, ddof=1) * np.sqrt(1 + 1 / count)
-    off = np.abs(real - np.nanmean(simulated, axis=0)) / sd
-    return 2 * stdtr(count - 1, -off)
 
 
 def bend_of_lines(scan: Scan, solution: Solution) -> dict[str, float]:
@@ -218,37 +206,34 @@ def simulated(
     as `Problem.columns_in_mm` has them: the unknowns, the errors considered, the
     residual, the flange's pose.
     """
-    problem, noise = solution.problem, drawn_sizes(solution, rng)
+    problem = solution.problem
+    noise = solution.noise.of_sizes(solution.error_sizes.of_robot)
+    # of each profile, steps along all columns
+    steps = np.zeros((len(problem.counts), problem.systematics.stop + 7))
     # the clock is as the answer has it; single times are drawn below as jitter
     sizes = [0.0 if error.clock else size for error, size in problem.considered.items()]
-    x = np.append(np.zeros(problem.n), sizes * rng.normal(size=len(sizes)))
-    moved = np.zeros((len(problem.counts), 6))
+    steps[:, problem.systematics] = sizes * rng.normal(size=len(sizes))
     for name, size in noise.of_robot.items():
         shared = problem.groups.sharing(name)
-        errors = size * rng.normal(size=(shared.max() + 1, 3))[shared]
-        if name.endswith("mm"):
-            moved[:, :3] += errors
-        else:
-            moved[:, 3:] += np.radians(errors)
+        errors = rng.normal(size=(shared.max() + 1, 6))[shared]
+        steps[:, FLANGE] += size * by_unit(name) * errors
     if noise.accuracy_mm:
-        patterns = solution.smooth.left  # (poses, 6, patterns)
-        moved += noise.accuracy_mm * patterns @ rng.normal(size=patterns.shape[2])
+        patterns = noise.accuracy_mm * solution.smooth.left  # (profiles, 6, patterns)
+        steps[:, FLANGE] += patterns @ rng.normal(size=patterns.shape[2])
+    if problem.clock is not None:
+        late = noise.jitter_ms / 1000 * rng.normal(size=len(steps))
+        steps[:, problem.clock] = late
     observed = []
     parts = zip(
         problem.terms,
         solution.state.placements,
         columns,
-        problem.split(moved),
+        problem.split(steps),
         solution.kept,
         strict=True,
     )
-    for term, placement, (z,), of_flange, kept in parts:
-        r = np.tensordot(x, z[: len(x)], 1)
-        r += np.einsum("pj,jkp->kp", of_flange, z[FLANGE])
-        if problem.clock is not None:
-            late = noise.jitter_ms / 1000 * rng.normal(size=r.shape[1])
-            r += late * z[problem.clock]
-        r += term.drawn(noise, rng)
+    for term, placement, (z,), of_profiles, kept in parts:
+        r = np.einsum("pc,ckp->kp", of_profiles, z) + term.drawn(noise, rng)
         here = term.linearise(solution.state, placement)
         observed.append(term.seen_with(r, here).keep(kept))
     return observed
@@ -264,13 +249,3 @@ def guessed_anew(solution: Solution, rng: Generator) -> Prior:
     R, p = solution.rotation, solution.translation
     drawn = Mount(R @ rotations(off[3:]), p + R @ off[:3], sd)
     return replace(prior, mount=drawn)
-
-
-def drawn_sizes(solution: Solution, rng: Generator) -> Noise:
-    """The sizes of errors, as surely as the solution knows them."""
-    drawn = {}
-    for size in solution.error_sizes.sizes:
-        end = size.high if (off := rng.normal()) > 0 else size.low
-        ratio = max(end, TINY) / max(size.middle, TINY)
-        drawn[size.name] = size.middle * ratio ** (abs(off) / WIDTH)
-    return solution.noise.of_sizes(drawn)

@@ -87,31 +87,28 @@ def stated_noise(scans: Sequence[Scan]) -> dict[str, float]:
 
 def with_few_joined(scans: Sequence[Scan]) -> tuple[tuple[Scan, ...], list[str]]:
     """Scans, those of too few poses to place a target by themselves as part of the
-    first of a like target; and a sentence for each of these.
+    first one, if that is of a like target; and a sentence for each of these.
 
     A second step of a plan may have one pose or two: its target stands where it stood.
     """
-    pairs = zip(prefixes(scans), scans, strict=True)
-    kept: list[Scan] = []
+    first, kept = scans[0], []
     remarks = []
-    named = [(len(scan.values) < LEAST_POSES, name, scan) for name, scan in pairs]
-    for has_few, name, scan in sorted(named, key=lambda one: one[0]):
-        alike = [k for k, one in enumerate(kept) if has_few and same_target(one, scan)]
-        if not alike:
+    for name, scan in zip(prefixes(scans)[1:], scans[1:], strict=True):
+        if len(scan.values) < LEAST_POSES and same_target(first, scan):
+            first = joined(first, scan, name)
+            remarks.append(
+                f"{name}{len(scan.values)} poses do not place a target; this "
+                f"{scan.kind} is taken to stand where the first one does"
+            )
+        else:
             kept.append(scan)
-            continue
-        kept[alike[0]] = joined(kept[alike[0]], scan, name)
-        remarks.append(
-            f"{name}{len(scan.values)} poses do not place a target; this {scan.kind} "
-            "is taken to stand where the first one does"
-        )
-    return tuple(kept), remarks
+    return (first, *kept), remarks
 
 
 def same_target(first: Scan, second: Scan) -> bool:
     """Whether two scans may be of one target in one place, both at rest."""
-    of_each = [(scan.kind, scan.sizes, scan.measured) for scan in (first, second)]
-    return of_each[0] == of_each[1] and not (first.log or second.log)
+    of_each = [(one.kind, one.sizes, one.measured, one.log) for one in (first, second)]
+    return of_each[0] == of_each[1] and not first.log
 
 
 def joined(first: Scan, second: Scan, name: str) -> Scan:

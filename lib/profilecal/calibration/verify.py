@@ -1,15 +1,15 @@
 """Is a sensor pose right? A scan that was not used to find it is solved by itself, and
 the two answers are compared; or another answer is given.
 
-Where that scan alone gives no answer to rely on, it is looked at near the pose in
-question, to first order: only the directions that it determines are compared.
+Where that scan alone gives no answer to rely on, the pose in question holds what it
+leaves open, roughly: only the directions that it determines are compared.
 
 What no residual can show counts once, from the pose in question: an error of the flange
 that all poses share cancels where one robot made both scans; the rest of the robot's
 accuracy differs between them.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy import ndarray
@@ -18,19 +18,20 @@ from scipy.special import chdtrc
 from profilecal.calibration.answer import DEGREES, Answer, check_another, in_mm_rad
 from profilecal.calibration.calibrate import calibrate
 from profilecal.calibration.calibration import Calibration
-from profilecal.calibration.several_scans import stated_noise
 from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import FALSE_ALARM
 from profilecal.geometry.observability import HAND_PRECISION, Spectrum, of_covariance
-from profilecal.geometry.poses import in_base, pose_error
-from profilecal.joint.prior import prior_from
-from profilecal.joint.problem import Problem
+from profilecal.geometry.poses import difference, in_base
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError
 from profilecal.targets.observations import Observations
+from profilecal.targets.target import Target
 
 # Fewer poses say too little of the robot's errors, and all but fit any target.
-FEWEST_POSES = 5
+FEWEST_POSES = 6
+# How far from the pose in question the scan may have it, mm and degrees: three times as
+# well as by hand, so that no direction which rests on that counts as determined.
+NEAR = (30.0, 15.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,7 +127,7 @@ def verify(
     Raises
     ------
     ScanError
-        For a scan of fewer than 5 poses, that determines nothing, that has another
+        For a scan of fewer than 6 poses, that determines nothing, that has another
         mount, or that the pose is from.
     UnobservableError
         For a calibration that leaves the pose open.
@@ -164,77 +165,45 @@ def compared(found: Answer, other: Answer) -> Verification:
     own = other.covariance_mm_deg
     if own is None:
         own = other.covariance_total_mm_deg
-    T, T_other = found.pose, other.pose
-    delta = pose_error(T[:3, :3], T[:3, 3], T_other[:3, :3], T_other[:3, 3])
+    delta = difference(found.pose, other.pose)
     stated = in_mm_rad(found.covariance_total_mm_deg)
     return Verification(delta, stated, in_mm_rad(own), other)
 
 
 def with_scan_alone(found: Answer, scan: Scan, title: str) -> Verification:
-    """A pose with a scan by itself; where that is not "ok", also near the pose: a weak
-    answer may be one of several.
-    """
+    """A pose with a scan by itself, or near the pose where that is not "ok"."""
     T, stated = found.pose, in_mm_rad(found.covariance_total_mm_deg)
-    R, p = T[:3, :3], T[:3, 3]
-    alone = calibrate(scan, guess=T, guess_sd=(np.inf, np.inf))  # a start, no more
+    alone = calibrate(scan, T, NEAR)
     shown = len(alone.seen[0])
     if shown < FEWEST_POSES:
         raise ScanError(
             f"{title}: shows the target from {shown} poses; expected {FEWEST_POSES} or "
             "more, or check-mount, which does with fewer if the target stands as it did"
         )
-    solution, (used,) = alone.solution_or_none, alone.observed
-    if solution:
-        used = used.keep(solution.kept[0])
-    answers = []
-    if alone.is_known:
-        delta = pose_error(R, p, solution.rotation, solution.translation)
-        answers.append((delta, solution.covariance))
-    if alone.status != "ok":
-        answers.append(linearised(alone, used, T, found.noise_mm))
-    by_pose = target_by(T, scan, used)
-    verifications = [
-        Verification(delta, stated, own, alone, *by_pose) for delta, own in answers
-    ]
-    likeliest = max(verifications, key=lambda one: one.chance)
-    if not len(likeliest.apart):
+    solution, (used,) = alone.solution, alone.observed
+    delta = difference(T, solution.pose)
+    target, points, _ = target_by(T, used.keep(solution.kept[0]))
+    checked = Verification(
+        delta,
+        stated,
+        solution.covariance,
+        alone,
+        dict(zip(scan.measures, map(float, target.measures), strict=True)),
+        float(np.sqrt(np.mean(target.distance(points) ** 2))),
+    )
+    if not len(checked.apart):
         raise ScanError(
             f"{title}: determines no direction of the sensor's pose; "
             "expected poses that differ"
         )
-    return likeliest
+    return checked
 
 
-def linearised(
-    alone: Calibration, used: Observations, T: ndarray, noise_mm: float
-) -> tuple[ndarray, ndarray]:
-    """δ (6,), mm and rad, from a sensor pose T (4, 4) to what the observations say of
-    it, to first order where the target fits best, and its covariance (6, 6), enormous
-    where they say nothing.
-
-    The robot's errors, which a scan hardly tells, are as usual at least.
+def target_by(T: ndarray, observed: Observations) -> tuple[Target, ndarray, ndarray]:
+    """The target that fits best where a sensor pose T (4, 4) takes the points, these
+    points (N, 3), and the number (N,) of the pose that each was seen from.
     """
-    prior = prior_from(stated_noise(alone.scans))
-    noise = replace(prior.scales, profile_mm=noise_mm)
-    if alone.solution_or_none:
-        prior, noise = alone.solution.prior, alone.solution.noise
-        noise = replace(noise, profile_mm=max(noise.profile_mm, noise_mm))
-    problem = Problem([used], noise, prior.systematic)
-    state = problem.place(T[None, :3, :3], T[None, :3, 3])
-    names = prior.names(problem.groups.distinguishable)
-    sizes = [max(getattr(noise, name), getattr(prior.scales, name)) for name in names]
-    posterior = problem.model(state, names).posterior(np.square([[1.0, *sizes]]))
-    return posterior.mean[0, :6], posterior.covariance[0, :6, :6]
-
-
-def target_by(
-    T: ndarray, scan: Scan, used: Observations
-) -> tuple[dict[str, float], float]:
-    """The target's lengths, mm, and the points' rms distance from it, where a sensor
-    pose T (4, 4) takes the points.
-    """
-    points, _ = in_base(T, used.points[0], used.R_flange[0], used.T_flange[0])
-    origin, axes, sizes = scan.target.fit(points)
-    distance = scan.target.at(origin, axes, sizes).distance(points)
-    lengths = dict(zip(scan.measures, map(float, sizes), strict=True)) if sizes else {}
-    return lengths, float(np.sqrt(np.mean(distance**2)))
+    frames = observed.R_flange[0], observed.T_flange[0]
+    points, pose = in_base(T, observed.points[0], *frames)
+    fitted = observed.target.fit(points)
+    return observed.target.at(*fitted), points, pose

@@ -76,6 +76,8 @@ ROBOT = (
     "group_position_mm",
     "group_orientation_deg",
 )
+# by how much an error of such a unit shifts and turns the flange, mm and rad
+UNITS = {"mm": (1, 0), "deg": (0, np.radians(1)), "ms": (0, 0)}
 SMOOTH = "accuracy_mm"  # varies smoothly with the pose; that of orientations with it
 # all whose sizes the residuals tell, but for the scanner's noise
 ESTIMATED = (*ROBOT, "jitter_ms", SMOOTH)
@@ -92,6 +94,13 @@ class Systematic:
     shear_percent: Sd = 0.0  # of the profiles: x that grows with z
     bend_mm: Sd = 0.0  # of the profiles: z, 50 mm from the middle
     tolerance_mm: Sd = 0.0  # of the target's lengths
+
+
+def by_unit(name: str) -> ndarray:
+    """The shift and the turn (6,) of the flange, mm and rad, of which an entry of
+    `Noise` counts so many.
+    """
+    return np.repeat(UNITS[name.rsplit("_")[-1]], 3)
 
 
 def chi2_limit(chance: float | ndarray, freedom: float | ndarray) -> Any:

@@ -11,7 +11,7 @@ parameters one unit, so that millimetres and degrees compare, and it says what
 - ok otherwise.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,15 +111,14 @@ def name_direction(
     direction: ArrayLike,
     R_sensor: ndarray,
     frame: str = "flange",
-    name: Callable[[ndarray, str], str] = name_axis,
 ) -> str:
     """A direction (6,) of the sensor pose in units of the measurement by hand, in the
-    frame that the pose is in, each part by a `name`.
+    frame that the pose is in.
     """
     words = "translation along", "rotation about"
     vectors = np.reshape(direction, (2, 3))
     return " with ".join(
-        f"{words[k]} {name(R_sensor @ vectors[k], frame)}"
+        f"{words[k]} {name_axis(R_sensor @ vectors[k], frame)}"
         for k in main_parts(direction)
     )
 
@@ -127,6 +126,12 @@ def name_direction(
 def brief(value: float) -> str:
     """Two digits, or a whole number; never 1e+02."""
     return f"{value:.2g}" if abs(value) < 99.5 else f"{value:.0f}"
+
+
+def shift_and_turn(mm_deg: Sequence[float], between: str = "and") -> str:
+    """Three shifts and three turns (6,) in words, "open" for NaN."""
+    words = ["open" if np.isnan(value) else brief(value) for value in mm_deg]
+    return f"{'  '.join(words[:3])} mm along {between} {'  '.join(words[3:])}°"
 
 
 def size_direction(sd: float, direction: ndarray) -> str:

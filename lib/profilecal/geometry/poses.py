@@ -105,6 +105,11 @@ def pose_error(
     return np.concatenate([shift[..., 0], turn], axis=-1)
 
 
+def difference(T: ndarray, T_true: ndarray) -> ndarray:
+    """The same of poses (4, 4)."""
+    return pose_error(T[:3, :3], T[:3, 3], T_true[:3, :3], T_true[:3, 3])
+
+
 def homogeneous(rotation: ArrayLike, translation: ArrayLike) -> ndarray:
     """4×4 matrices (..., 4, 4) from rotations (..., 3, 3) and translations (..., 3)."""
     shape = np.broadcast_shapes(np.shape(rotation)[:-2], np.shape(translation)[:-1])

@@ -62,6 +62,12 @@ class ErrorSizes:
     freedom: float  # with which all errors together are known, 100 mm from the flange
     poor: ndarray  # (n,) the chance that an error is POORER times the usual
 
+    @property
+    def of_robot(self) -> dict[str, float]:
+        """The robot's, roots of the variances' mean, by name."""
+        names = [size.name for size in self.sizes[1:]]
+        return dict(zip(names, np.sqrt(self.mean_v[1:]).tolist(), strict=True))
+
 
 def freedom(variances: ndarray, weight: ndarray) -> float:
     """Degrees of freedom f of a variance of which there are draws (S,) with weights

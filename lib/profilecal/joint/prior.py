@@ -258,7 +258,8 @@ def bend(x: ndarray, z: ndarray) -> ndarray:
 
 
 BEND = Perturbation(
-    "the profiles were bent by {:+.2g} mm, 50 mm from the middle",
+    "the profiles were bent [away from|towards] the scanner by {} mm, 50 mm from the "
+    "middle",
     1,
     "bend_mm",
     moved="z",
@@ -268,7 +269,7 @@ BEND = Perturbation(
 # The scanner's errors: scales of the profiles, x that grows with z, and a bend.
 OF_SCANNER = [
     Perturbation(
-        "the profiles' x were too [large|small] by {:.2g} %",
+        "the profiles' x were too [large|small] by {} %",
         100,
         "scale_percent",
         moved="x",
@@ -276,7 +277,7 @@ OF_SCANNER = [
         name="x scale",
     ),
     Perturbation(
-        "the profiles' z were too [large|small] by {:.2g} %",
+        "the profiles' z were too [large|small] by {} %",
         100,
         "scale_percent",
         moved="z",
@@ -284,7 +285,7 @@ OF_SCANNER = [
         name="z scale",
     ),
     Perturbation(
-        "the profiles' x grew with z by {:+.2g} %",
+        "the profiles' x [grew|shrank] with z by {} %",
         100,
         "shear_percent",
         moved="x",
@@ -297,7 +298,7 @@ OF_SCANNER = [
 
 # What all times in motion have in common: the robot's clock less the scanner's.
 DELAY = Perturbation(
-    "the scanner's clock was [behind|ahead] by {:.2g} ms",
+    "the scanner's clock was [behind|ahead] by {} ms",
     1000,
     clock=np.ones_like,
     name="delay",
@@ -315,7 +316,7 @@ def of_clocks(observations: Sequence[Observations]) -> dict[Perturbation, float]
         return {}
     ends = np.nanmin(np.concatenate(times)), np.nanmax(np.concatenate(times))
     middle = sum(ends) / 2
-    words = "the scanner's clock was too [slow|fast] by {:.2g} ppm"
+    words = "the scanner's clock was too [slow|fast] by {} ppm"
     growing = Perturbation(words, 1e6, clock=lambda times: times - middle, name="drift")
     sd_s = 1e-6 if moving[0].delay_known else DELAY_S
     return {DELAY: sd_s, growing: CLOCK_DRIFT}
@@ -324,7 +325,7 @@ def of_clocks(observations: Sequence[Observations]) -> dict[Perturbation, float]
 def of_target(targets: Sequence[type[Target]]) -> list[Perturbation]:
     """The targets' errors: wrong lengths, each once."""
     names = dict.fromkeys(name for target in targets for name in target.lengths)
-    words = "the {} was too [large|small] by {{:.2g}} mm"
+    words = "the {} was too [large|small] by {{}} mm"
     return [
         Perturbation(words.format(name), 1, "tolerance_mm", length=name, name=name)
         for name in names

@@ -8,7 +8,6 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy import ndarray
 
-from profilecal.calibration.doubts import A_MOMENT_S
 from profilecal.scan.tables import ScanError, cell_number, listed
 from profilecal_tool.importing.column_meanings import columns_of
 from profilecal_tool.importing.questions import Question
@@ -21,6 +20,7 @@ SECONDS = re.compile(r"\d{9,}(?:\.\d+)?|\d+\.\d+")  # since 1970, or since anyth
 WHOLE = re.compile(r"(?<![\d.])\d+(?!\d*\.\d)")
 UNITS_S = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 STILL = 1e-4  # of the largest number: by so little a robot at rest differs
+A_MOMENT_S = 0.5  # poses in such a time are no stops
 TWICE = -2  # in place of a row
 Way = tuple[str, str]  # a column of labels, and how names are compared with it
 Keys = tuple[str, Sequence, Sequence]  # how; what poses have, and what profiles want

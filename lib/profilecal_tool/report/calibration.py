@@ -16,12 +16,6 @@ from profilecal_tool.controllers import for_controller, writing_like
 from profilecal_tool.plan.scan_model import largest_sd
 from profilecal_tool.words import answer_lines, deviations, error_lines
 
-# where the scanner's noise is from
-NOISE_FROM = {
-    "given": "as given",
-    "profiles": "of the features that the profiles show",
-    "residuals": "from the residuals",
-}
 VERDICTS = {
     "ok": (
         "The scanner's pose is known to {:.2g} mm and {:.2g}°",
@@ -90,30 +84,20 @@ def answer(found: Calibration) -> Html:
         f"scan           {scan.title or scan.kind}: {scan.description}"
         for scan in found.scans
     ]
-    to_paste = ""
-    errors = error_lines(found)
+    to_paste, elsewhere = "", []
     if found.is_known:
         maker = writing_like(found.scans[0].convention)
         to_paste = for_controller(maker, found.pose, found.frame)
-        errors.append(f"elsewhere      {elsewhere(found)}")
-    if errors and not found.misread:
-        solution = found.solution
-        source = NOISE_FROM[solution.prior.source]
-        errors.append(
-            f"noise          {solution.noise_mm:.3g} mm, {source}; "
-            f"residuals {solution.rms_mm:.3g} mm rms"
+        robot = found.solution.noise
+        total = deviations(found.solution.covariance_total)
+        elsewhere.append(
+            f"elsewhere      {total}, on a robot accurate to "
+            f"{robot.accuracy_mm:.2g} mm and {robot.accuracy_deg:.2g}° over its "
+            "workspace"
         )
-    text = "\n".join([*scans, *answer_lines(found, to_paste), *errors])
+    lines = [*answer_lines(found, to_paste), *elsewhere, *error_lines(found)]
+    text = "\n".join([*scans, *lines])
     return Html(f'<pre style="white-space:pre-wrap">{escape(text)}</pre>', text)
-
-
-def elsewhere(found: Calibration) -> str:
-    """How well the pose is known away from the poses of the scans."""
-    robot = found.solution.noise
-    return (
-        f"{deviations(found.solution.covariance_total)}, on a robot accurate to "
-        f"{robot.accuracy_mm:.2g} mm and {robot.accuracy_deg:.2g}° over its workspace"
-    )
 
 
 def chance_limits(calibration: Calibration) -> list[np.ndarray]:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.calibration.calibration import Calibration
+from profilecal.calibration.verify import target_by
 from profilecal.geometry.poses import in_base
 from profilecal.scan.tables import written_whole
-from profilecal_pages.figures import use_style
 from profilecal_tool.report.pictures import WIDTH, in_frame
 
 DRAWN = 6000  # points of a picture
@@ -57,15 +57,14 @@ def clouds_of(calibration: Calibration, T: ndarray) -> list[Cloud]:
     for scan, seen, observed in zip(
         calibration.scans, calibration.seen, calibration.observed, strict=True
     ):
-        scan = scan.at_rest(delay_ms)
-        placed, pose = in_base(T, observed.points[0], *scan.base_flange(seen))
-        fitted = scan.target.fit(placed)
-        squares = scan.target.at(*fitted).distance(placed) ** 2
-        mean_square = np.bincount(pose, squares) / np.bincount(pose)
-        points, of_pose = placed, seen[pose]
+        target, points, pose = target_by(T, observed)
+        mean_square = np.bincount(pose, target.distance(points) ** 2) / np.bincount(
+            pose
+        )
+        of_pose = seen[pose]
         if scan.measured == "profiles":
-            every = np.arange(len(scan.values))
-            points, of_pose = in_base(T, scan.values, *scan.base_flange(every))
+            every = scan.at_rest(delay_ms).base_flange(np.arange(len(scan.values)))
+            points, of_pose = in_base(T, scan.values, *every)
         frame = "flange" if observed.eye_to_hand else "base"
         clouds.append(Cloud(points, of_pose, np.sqrt(mean_square), frame))
     return clouds
@@ -95,20 +94,13 @@ def plot_cloud(cloud: Cloud, title: str) -> plt.Figure:
 
 
 def write_cloud(calibration: Calibration, T: ndarray, path: Path) -> None:
-    """Write the clouds of a calibration, as a sensor pose T (4, 4) has them: into a PLY
-    file, or as a picture where the name ends in .png.
+    """Write the clouds of a calibration, as a sensor pose T (4, 4) has them, into a PLY
+    file.
     """
     clouds = clouds_of(calibration, T)
+    rgb = [255 * colours(cloud.pose)[:, :3] for cloud in clouds]
+    points = np.concatenate([cloud.points for cloud in clouds])
+    rows = np.hstack([points, np.rint(np.concatenate(rgb))])
+    head = PLY.format(len(rows)).rstrip("\n")
     with written_whole(path) as partial:
-        if path.suffix.lower() == ".png":
-            use_style()
-            figure = plot_cloud(clouds[0], calibration.scans[0].description)
-            figure.savefig(partial, dpi=150, format="png")
-            plt.close(figure)
-            return
-        rgb = [255 * colours(cloud.pose)[:, :3] for cloud in clouds]
-        points = np.concatenate([cloud.points for cloud in clouds])
-        rows = np.hstack([points, np.rint(np.concatenate(rgb))])
-        head = PLY.format(len(rows)).rstrip("\n")
-        form = ["%.4f"] * 3 + ["%d"] * 3
-        np.savetxt(partial, rows, form, header=head, comments="")
+        np.savetxt(partial, rows, ["%.4f"] * 3 + ["%d"] * 3, header=head, comments="")

@@ -8,9 +8,8 @@ import pytest
 from simulated import few, scan_of
 
 import profilecal as pc
-from profilecal.calibration.answer import OLD_COLUMNS
 from profilecal.calibration.check_mount import ALL_CONSIDERED
-from profilecal.joint.prior import OF_SCANNER, TYPICAL
+from profilecal.joint.prior import TYPICAL
 
 NOISE = {"profile_mm": 0.05, "position_mm": 0.05, "orientation_deg": 0.02}
 PLANS = {  # raw profiles where a target leaves them
@@ -111,16 +110,7 @@ def test_points_are_judged_by_the_noise_that_they_state():
     assert pc.check_mount(found, later).as_expected
 
 
-def test_errors_have_names_by_which_old_files_are_read_too():
-    first, again = scans("ball", 2)
-    found, some = pc.calibrate(first), few(again, [0, 9, 20])
-    sentences = {name: sentence for sentence, name in OLD_COLUMNS.items()}
-    joint = found.answer.joint
-    assert {"x scale", "z scale", "shear", "bend", "radius"} <= {*joint.columns}
-    columns = [sentences.get(column, column) for column in joint.columns]
-    old = replace(found.answer, joint=replace(joint, columns=columns))
-    assert pc.check_mount(old, some).chi2 == pc.check_mount(found, some).chi2
-    assert {error.name for error in OF_SCANNER} < {*sentences}
+def test_all_that_a_calibration_may_consider_is_known_again():
     assert vars(ALL_CONSIDERED).keys() == vars(TYPICAL).keys()
     assert min(vars(ALL_CONSIDERED).values()) == 1
 

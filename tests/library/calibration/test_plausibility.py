@@ -110,7 +110,6 @@ def test_a_wrong_radius_is_answered_by_the_one_that_fits(kind, wrong, right):
     (said,) = better_readings(scan, observe(scan))
     (radius,) = re.findall(r"^with a radius of ([\d.]+) mm", said)
     assert float(radius) == pytest.approx(right, abs=0.2)
-    assert said.endswith(f"; {wrong:g} mm was given")
 
 
 @pytest.mark.parametrize(("kind", "change", "sentence", "end"), WRONG)

@@ -180,7 +180,7 @@ def test_a_plan_goes_on_from_a_scan_that_is_ok_with_an_error_and_a_pose_left_out
     assert "calibrate finds an error in this scan" in planned.output
     assert f"profilecal calibrate {first} {more}, both at once" in planned.output
 
-    both = json.loads(run("calibrate", second, first, "--json").output)
+    both = json.loads(run("calibrate", first, second, "--json").output)
     assert len(both["poses_used"]) == 16
     assert (stated_worst(both) < stated_worst(answer)).all()
     assert "stand where the first one does" in both["messages"][0]
