@@ -133,7 +133,7 @@ def sweep(
                 executed = json.loads(text)
                 executed["metadata"]["profilecal"] = {
                     "key": keys[name],
-                    "error": why or _clash(executed, runs[name]),
+                    "error": why,
                     "duration_s": round(seconds, 3),
                 }
                 with written_whole(folder / f"{name}.ipynb") as part:
@@ -143,13 +143,6 @@ def sweep(
     with written_whole(output / "table.csv") as part:
         table.to_csv(part, index=False)
     return table, failed
-
-
-def _clash(executed: dict, parameters: dict) -> str:
-    """Why a run cannot be in the table: it records what is a parameter; or ""."""
-    clash = parameters.keys() & {*itertools.chain(*recorded(executed))}
-    names = ", ".join(sorted(clash))
-    return f"it records {names}, which is a parameter's name" if clash else ""
 
 
 def _about(path: Path) -> dict:
@@ -176,7 +169,8 @@ def _gather(
             records, status = recorded(json.loads(path.read_text("utf-8"))), "done"
         end = {"status": status, "duration_s": about["duration_s"], **versions}
         end["run"] = name
-        rows += [parameters | record | end for record in records]
+        # a parameter is what it was set to, whatever is recorded
+        rows += [parameters | record | parameters | end for record in records]
     columns = dict.fromkeys(itertools.chain(*rows))
     first = [column for column in columns if column not in end]
     return pd.DataFrame(rows, columns=[*first, *end]), failed

@@ -16,11 +16,10 @@ from profilecal.calibration.mount import contradiction, rests_on
 from profilecal.calibration.observe import Seen, observe_all
 from profilecal.calibration.other_conventions import better_readings
 from profilecal.calibration.several_scans import (
+    agreed,
     by_scan,
     check_different,
-    check_scans,
     prefixes,
-    stated_noise,
     with_few_joined,
 )
 from profilecal.geometry.checks import UnobservableError, check_array, check_rigid
@@ -91,8 +90,7 @@ def calibrate(
     if not isinstance(scans, Iterable):
         scans = [scans]  # one scan, or what is none
     scans = tuple(scans)
-    check_scans(scans)
-    stated, mount = stated_noise(scans), mount_of(scans, guess, guess_sd)
+    stated, mount = agreed(scans), mount_of(scans, guess, guess_sd)
     check_different(scans)
     scans, remarks = with_few_joined(scans)
     seen, observed, features_mm = observe_all(scans)

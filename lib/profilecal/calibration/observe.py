@@ -51,12 +51,10 @@ def observe(scan: Scan, least: int = 0) -> Seen:
     seen = from_profiles(scan) if scan.measured == "profiles" else from_table(scan)
     if len(seen.poses) < least:
         why = f" ({shorten('; '.join(seen.remarks), 500)})"
-        for name, length in scan.measures.items():
-            why += f"; is its {name} {length:g} mm?"
         title = scan.title or f"the {scan.kind}"
         raise ScanError(
             f"{title}: the target was found from {len(seen.poses)} poses; "
-            f"expected {least} or more{why}"
+            f"expected {least} or more{why}; is it a {scan.description}?"
         )
     return seen
 

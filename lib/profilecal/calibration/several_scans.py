@@ -4,6 +4,7 @@ a sentence on one of them begins with.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -30,22 +31,6 @@ def by_scan(scans: Sequence[Scan], sentences: Sequence[Iterable[str]]) -> list[s
     return [name + sentence for name, of_scan in pairs for sentence in of_scan]
 
 
-def check_scans(scans: Sequence[Scan]) -> None:
-    """Refuse what is no scan, with TypeError, and scans of several mounts or delays."""
-    if not scans:
-        raise ScanError("no scans given; expected at least one")
-    for scan in scans:
-        check_type("scans", scan, Scan)
-    if len({scan.mount for scan in scans}) > 1:
-        raise ScanError(
-            "some scans are eye-in-hand and others eye-to-hand; expected one mount"
-        )
-    delays = {scan.delay_ms for scan in scans if scan.log}
-    if len(delays) > 1:
-        words = " and ".join("none" if one is None else f"{one:g}" for one in delays)
-        raise ScanError(f"scans state a delay_ms of {words}; expected one")
-
-
 def check_different(scans: Sequence[Scan]) -> None:
     """Refuse a measurement that is there twice, by its values and its pose: it would
     count as a new one.
@@ -65,19 +50,23 @@ def check_different(scans: Sequence[Scan]) -> None:
                 )
 
 
-def stated_noise(scans: Sequence[Scan]) -> dict[str, float]:
-    """The noise that scans of one scanner and robot state, without that of a profile's
-    points where features were fitted to them: their noise is left to be estimated.
+def agreed(scans: Sequence[Scan]) -> dict[str, Any]:
+    """What scans of one scanner and robot state of both, without the noise of a
+    profile's points where features were fitted to them: theirs is to be estimated.
 
-    Raises ScanError where the scans contradict each other.
+    Raises TypeError for what is no scan, ScanError where scans contradict each other.
     """
-    stated: dict[str, float] = {}
+    if not scans:
+        raise ScanError("no scans given; expected at least one")
+    stated: dict[str, Any] = {}
     for scan in scans:
-        for name, value in scan.noise.items():
+        check_type("scans", scan, Scan)
+        delay = {"delay_ms": scan.delay_ms} if scan.log else {}
+        for name, value in {"mount": scan.mount, **scan.noise, **delay}.items():
             first = stated.setdefault(name, value)
             if first != value:
                 raise ScanError(
-                    f"noise {name} is {first:g} in one scan and {value:g} in another; "
+                    f"{name} is {first} in one scan and {value} in another; "
                     "expected one"
                 )
     if any(scan.measured in ("arcs", "profiles") for scan in scans):

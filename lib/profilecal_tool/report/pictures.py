@@ -177,7 +177,7 @@ def plot_profiles(
         count = sum(features[i].found for i in page)
         title = (
             f"Profiles {page[0] + 1} to {page[-1] + 1} of {len(features)}: "
-            f"{count} features found{words}"
+            f"{count} features found; x and z in mm{words}"
         )
         rows = -(-len(page) // 4)
         shared = {"sharex": True, "sharey": True}
@@ -201,24 +201,25 @@ def plot_profiles(
 def plot_residuals(found: Calibration) -> plt.Figure:
     """Each pose's residual over the noise, and what chance explains, a panel a scan.
 
-    Residuals are shaded by orientation. Those of rejected poses are all drawn, as
-    crosses.
+    Residuals are shaded by orientation; those of rejected poses are red, and may end
+    above.
     """
     solution = found.solution
     figure, rows = panels(len(found.scans), 1, 3.2)
     of_poses = solution.normalised, solution.rejected, chance_limits(found)
     every = zip(rows, found.scans, found.seen, *of_poses, strict=True)
     for axes, scan, seen, size, bad, limit in every:
-        top = 1.15 * max([*size[~bad], *limit])
-        colours = np.where(scan.group[seen] % 2, SKY, BLUE)
+        by_group = np.where(scan.group[seen] % 2, SKY, BLUE)
         width = np.clip(300 / len(seen), 0.5, 8)
-        axes.vlines(seen[~bad], 0, size[~bad], colours[~bad], lw=width)
-        crosses = np.minimum(size[bad], 0.97 * top)
-        axes.plot(seen[bad], crosses, "x", color=RED, label="rejected")
+        axes.vlines(seen, 0, size, np.where(bad, RED, by_group), lw=width)
         axes.plot(seen, limit, "--", color=RED, lw=1, label="limit of chance")
         ticks = seen[:: 1 + len(seen) // 7]
         axes.set_xticks(ticks, [scan.labels[i][:8] for i in ticks])
-        axes.set(xlabel="pose", ylabel="residual / noise", ylim=(0, top))
+        axes.set(
+            xlabel="pose",
+            ylabel="residual / noise",
+            ylim=(0, 1.15 * max([*size[~bad], *limit])),
+        )
         inside = np.count_nonzero((size <= limit) & ~bad)
         title = f"chance explains {inside} of {len(seen)} residuals"
         axes.set_title(f"{scan.title or scan.kind}:\n{title}")

@@ -64,10 +64,12 @@ def test_features_of_different_precision_are_weighed():
 def test_scans_that_do_not_belong_together_are_refused():
     scan = scan_of("edge", seed=1)
     fixed_scanner = scan_of("edge", seed=1, mount="eye-to-hand")
-    with pytest.raises(pc.ScanError, match="expected one mount"):
+    with pytest.raises(
+        pc.ScanError, match="mount is eye-in-hand in one scan and eye-to-hand"
+    ):
         pc.calibrate([scan, fixed_scanner])
     noisier = replace(scan, noise={"profile_mm": 0.1})
-    two = r"noise profile_mm is 0\.05 in one scan and 0\.1 in another"
+    two = r"profile_mm is 0\.05 in one scan and 0\.1 in another"
     with pytest.raises(pc.ScanError, match=two):
         pc.calibrate([scan, noisier])
 
