@@ -190,7 +190,6 @@ def test_workers_have_the_versions_of_where_a_sweep_is_started(
         swept(notebook, {"n": [1]})
 
 
-CLASHES = "from profilecal_pages.notebooks import record\nrecord(x=1)"
 DIES_ONCE = """
 import os, pathlib
 mark = pathlib.Path("mark")
@@ -202,7 +201,6 @@ HANGS = "import time\ntime.sleep(60)"
 
 
 WRONG = {
-    "clash": (CLASHES, None, ["it records x, which is a parameter's name"]),
     "dies once": (DIES_ONCE, None, []),
     "hangs": (HANGS, 1, ["a cell took longer than 1 s"]),
 }
