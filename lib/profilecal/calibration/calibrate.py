@@ -105,7 +105,11 @@ def calibrate(
         solution, misread, messages = None, False, (str(error),)
     if solution and questions and solution.status == "ok":
         solution = replace(solution, status="weak")
-    readings = other_readings(scans, seen, solution)
+    readings = []
+    if not solution or solution.status != "ok":
+        delay_ms = 1e3 * (solution.delay_s or 0.0) if solution else 0.0
+        at_rest = [scan.at_rest(delay_ms) for scan in scans]
+        readings = by_scan(scans, [*map(better_readings, at_rest, seen)])
     if readings:  # what the files look like as they were read is beside the point
         messages, misread = (), True
         solution = solution and replace(solution, status="unobservable")
@@ -117,17 +121,6 @@ def calibrate(
         messages=(*readings, *remarks, *questions, *messages),
         misread=misread,
     )
-
-
-def other_readings(
-    scans: Sequence[Scan], seen: Sequence[Seen], solution: Solution | None
-) -> list[str]:
-    """Sentences on what the files may mean instead, where there is no "ok" solution."""
-    if solution and solution.status == "ok":
-        return []
-    delay_ms = 1e3 * (solution.delay_s or 0.0) if solution else 0.0
-    at_rest = [scan.at_rest(delay_ms) for scan in scans]
-    return by_scan(scans, [*map(better_readings, at_rest, seen)])
 
 
 def believed(

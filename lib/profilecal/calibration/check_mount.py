@@ -19,6 +19,7 @@ from profilecal.calibration.evidence import Evidence, evidence
 from profilecal.calibration.observe import as_observations, observe
 from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import FALSE_ALARM, Noise, Systematic
+from profilecal.geometry.observability import HAND_PRECISION
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.prior import TYPICAL
 from profilecal.joint.problem import Problem
@@ -42,9 +43,9 @@ class MountCheck:
 
     labels: tuple[str, ...]  # of the poses that saw the artefact
     count: int  # of independent residuals
-    # what they say of moves of the sensor (6) and of the target (t), mm and rad
+    # what they say of moves of the sensor (6) and of the target (t), in units of how
+    # well one would know these by hand
     moves: Evidence
-    by_hand: ndarray  # (6 + t,) how well one would know these by hand
     freedom: float  # degrees of freedom with which the robot's errors are known
 
     @property
@@ -81,7 +82,7 @@ class MountCheck:
         """
         chances = {}
         for what, part in (("sensor", slice(0, 6)), ("target", slice(6, None))):
-            says = self.moves.along(np.diag(self.by_hand)[:, part])
+            says = self.moves.of(part)
             told = np.linalg.eigvalsh(says.information) > 1
             free = self.count - np.count_nonzero(told)
             chances[what] = self.chance_of(says.left(), free)
@@ -99,7 +100,7 @@ class MountCheck:
         """By how much the sensor would have moved along or about one of its axes alone,
         and the standard deviations, (2, 6).
         """
-        return self.moves.each()[:, :6] * DEGREES
+        return self.moves.each()[:, :6] * HAND_PRECISION * DEGREES
 
     @property
     def seen_mm_deg(self) -> ndarray:
@@ -121,8 +122,7 @@ class MountCheck:
         """In how many of six directions these poses would show a move of the sensor
         that is too small to be seen by hand, 10 mm and 5°.
         """
-        says = self.moves.along(np.diag(self.by_hand)[:, :6])
-        squares = np.linalg.eigvalsh(says.information)
+        squares = np.linalg.eigvalsh(self.moves.information[:6, :6])
         return int(np.count_nonzero(squares > self.shown_square))
 
     @property
@@ -215,18 +215,17 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     return MountCheck(
         labels=tuple(scan.labels[i] for i in seen.poses),
         count=int(model.ranks.sum()),
-        moves=moves_after(model, noise, *joint.of(names), problem.n),
-        by_hand=problem.units,
+        moves=moves_after(model, noise, *joint.of(names), problem.units),
         freedom=joint.freedom,
     )
 
 
 def moves_after(
-    model: LinearModel, noise: Noise, mean: ndarray, V: ndarray, n: int
+    model: LinearModel, noise: Noise, mean: ndarray, V: ndarray, units: ndarray
 ) -> Evidence:
-    """What residuals say of steps of the first n unknowns, of all of which a
-    calibration left the mean and the covariance V. Residuals that no error of the
-    flange moves are taken off: they are of the target's shape.
+    """What residuals say of steps of the first n unknowns, in these units (n,), of all
+    of which a calibration left the mean and the covariance V. Residuals that no error
+    of the flange moves are taken off: they are of the target's shape.
 
     With V = L Lᵀ, x = x̄ + L ξ, ξ ~ N(0, 1), r becomes r + A x̄ and A becomes A L.
     """
@@ -237,6 +236,6 @@ def moves_after(
     L = vectors * np.sqrt(np.maximum(values, 0))
     pick = np.eye(model.n + 1, model.n)  # A, of the columns [A | r]
     shifted = np.append(mean, 1)  # r + A x̄
-    columns = np.c_[pick @ L, pick[:, :n], shifted]
-    steps = slice(model.n, model.n + n)
+    columns = np.c_[pick @ L, pick[:, : len(units)] * units, shifted]
+    steps = slice(model.n, model.n + len(units))
     return evidence(columns.T @ normal @ columns, np.eye(model.n), steps)

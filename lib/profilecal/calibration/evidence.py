@@ -16,7 +16,7 @@ Two questions are asked so: what may be wrong at all poses (`plausibility`), and
 whether a later scan is as predicted (`check_mount`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import ndarray
@@ -31,10 +31,10 @@ class Evidence:
     chi2: float
     moves: ndarray  # (n, k) by how much one unit of each step moves x
 
-    def along(self, M: ndarray) -> "Evidence":
-        """What they say of steps y' (m,) with y = M y'."""
-        information = M.T @ self.information @ M
-        return Evidence(information, M.T @ self.slope, self.chi2, self.moves @ M)
+    def of(self, part: slice) -> "Evidence":
+        """What they say of some of the steps, if there are no others."""
+        information = self.information[part, part]
+        return replace(self, information=information, slope=self.slope[part])
 
     def each(self) -> ndarray:
         """Each step that makes the residuals smallest, if there is no other, and its

@@ -129,13 +129,11 @@ def check(solution: Solution) -> tuple[Solution, bool]:
         solution = replace(solution, status="weak")
     # what poses to add, as the solution says, does not mend a contradiction
     against = objections + ([accusation(guilty)] if guilty else [])
-    messages = against or [*solution.messages]
-    allowed = [] if guilty else allowed_for(solution)
     believed = replace(
         solution,
         covariance=enlarged,
         observability=observability,
-        messages=(*messages, *allowed),
+        messages=tuple(against or solution.messages),
     )
     return believed, bool(against)
 
@@ -179,25 +177,6 @@ def poor_errors(solution: Solution) -> dict[Perturbation, float]:
     """
     poor = solution.error_sizes.poor[solution.problem.systematics]
     return dict(zip(solution.problem.considered, poor, strict=True))
-
-
-def allowed_for(solution: Solution) -> list[str]:
-    """A sentence on the scanner's or the target's error that the answer has allowed
-    for, where that is likely to be larger than usual.
-    """
-    found = solution.error_sizes.mean[solution.problem.systematics]
-    sizes, chances = solution.problem.considered, poor_errors(solution).values()
-    likely = [
-        (abs(correction) / size, in_words(error, correction))
-        for (error, size), correction, chance in zip(
-            sizes.items(), found, chances, strict=True
-        )
-        if chance > 0.5
-    ]
-    if not likely:
-        return []
-    _, looks = max(likely)
-    return [f"the residuals look most as if {looks}: more than is usual; {ALLOWED}"]
 
 
 def clear_findings(findings: list[Finding]) -> list[Finding]:
