@@ -3,6 +3,7 @@ with a name.
 """
 
 import numpy as np
+from numpy import ndarray
 from scipy.spatial.transform import Rotation
 from scipy.special import stdtrit
 
@@ -49,13 +50,19 @@ def answer_lines(found: Calibration, to_paste: str = "") -> list[str]:
         delay = delay_words(1e3 * solution.delay_s, 1e3 * solution.delay_sd_s)
         lines.append(f"delay          {delay}")
     if found.is_known:
-        sd = np.linalg.norm(found.point_sd_mm(*over_all_seen(solution)), axis=2)
+        sd = points_known(found)
         lines.append(
             "points         one in the middle of what was seen is known to "
             f"{brief(sd[1, 1])} mm in the {found.frame} frame, at its worst corner to "
             f"{brief(sd.max())}"
         )
     return lines
+
+
+def points_known(found: Calibration) -> ndarray:
+    """How well points all over what was seen are known, in three axes together, mm."""
+    places = over_all_seen(found.solution)
+    return np.linalg.norm(found.point_sd_mm(*places), axis=2)
 
 
 def pose_lines(solution: Solution, frame: str, to_paste: str) -> list[str]:

@@ -14,14 +14,15 @@ from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal_pages.figures import GREEN, ORANGE, RED
 from profilecal_tool.controllers import for_controller, writing_like
 from profilecal_tool.plan.scan_model import largest_sd
-from profilecal_tool.words import answer_lines, deviations, error_lines
+from profilecal_tool.words import answer_lines, deviations, error_lines, points_known
 
 VERDICTS = {
     "ok": (
         "The scanner's pose is known to {:.2g} mm and {:.2g}°",
         GREEN,
         "That is one standard deviation in the worst direction, on this robot near "
-        "these poses.",
+        "these poses. A measured point in the middle of what was seen is known to "
+        "{:.2g} mm, the robot's accuracy included.",
     ),
     "weak": (
         "Solved, but not well enough to rely on",
@@ -65,6 +66,7 @@ def verdict(calibration: Calibration) -> Html:
     title, colour, text = VERDICTS[calibration.status]
     if calibration.status == "ok":
         title = title.format(*largest_sd(calibration.covariance_mm_deg))
+        text = text.format(points_known(calibration)[1, 1])
     notes = words(calibration.messages) if calibration.messages else Html("", "")
     html = (
         f'<div class="verdict" style="border-left:6px solid {colour};'

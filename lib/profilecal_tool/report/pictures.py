@@ -6,10 +6,10 @@ from textwrap import fill
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from mpl_toolkits.mplot3d import Axes3D
 from numpy import ndarray
-from scipy.stats import binned_statistic
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.points import points_seen
@@ -240,7 +240,8 @@ def plot_patterns(found: Calibration) -> plt.Figure:
     """Residuals against all that faults depend on, each with the fault that a pattern
     there means.
     """
-    figure, places = panels(2, 2, 2.2, "A line that is not flat is a pattern")
+    title = "By chance one dot in 20 leaves the band; more are a pattern"
+    figure, places = panels(2, 2, 2.2, title)
     draw_patterns(places, found)
     for axes, means in zip(places, PATTERNS.values(), strict=True):
         axes.set_title(means, fontsize=8)
@@ -248,19 +249,24 @@ def plot_patterns(found: Calibration) -> plt.Figure:
 
 
 def draw_patterns(places: Sequence[Axes], found: Calibration) -> None:
-    """Draw how far the points kept are off in z, less the mean of all, each of eight
-    parts with its mean, over x, z, order and orientation.
+    """Draw how far the points kept are off in z, less the mean of all, over x, z, order
+    and orientation: the means of eight parts, and the band in which chance puts 95 % of
+    them, by the scatter of the profiles within the parts.
     """
-    along = [np.concatenate(parts) for parts in zip(*offsets(found), strict=True)]
-    *over, off = along
+    *over, off = map(np.concatenate, zip(*offsets(found), strict=True))
     off = off - off.mean()  # a scale of z that is put back lifts all alike
-    limits = 3 * off.std() * np.array([-1, 1])
     some = slice(None, None, 1 + len(off) // 1500)
     for axes, name, values in zip(places, PATTERNS, over, strict=True):
+        part, ends = pd.cut(values, 8, labels=False, retbins=True)
+        profiles = pd.Series(off).groupby([part, over[2]]).mean().groupby(level=0)
+        mean, freedom = profiles.mean(), profiles.size() - 1
+        variance = (profiles.var() * freedom).sum() / max(freedom.sum(), 1)
+        chance = 1.96 * np.sqrt(variance / (freedom + 1))
+        middle = (ends[1:] + ends[:-1])[mean.index] / 2
+        axes.fill_between(middle, -chance, chance, color=SKY, alpha=0.4, lw=0)
         axes.plot(values[some], off[some], ".", ms=1.5, color="0.75")
-        means, ends, _ = binned_statistic(values, off, bins=8)
-        axes.plot((ends[1:] + ends[:-1]) / 2, means, "o-", ms=3, color=RED)
-        axes.set(xlabel=name, ylim=limits)
+        axes.plot(middle, mean, "o-", ms=3, color=RED)
+        axes.set_xlabel(name)
         axes.tick_params(labelsize=8)  # four fit beside each other
     places[0].set_ylabel("off in z [mm]")
 

@@ -5,8 +5,10 @@ from dataclasses import replace
 from itertools import pairwise
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
-from simulated import calibration_of
+from scipy.stats import binom
+from simulated import calibration_of, scan_of
 
 from profilecal.calibration.calibrate import calibrate
 from profilecal.geometry.noise import Noise
@@ -65,6 +67,8 @@ def test_several_scans_and_rejected_poses_are_named():
     values[10] = values[10] + 5
     values[20] = values[20][:0]
     text = report_on(replace(edge, values=tuple(values)), simulate_scan(BALL))
+    first, below = re.findall(r"middle of what was seen is known to (\S+) mm", text)
+    assert first == below
     rejected = f"Pose A <bar> & more: {edge.labels[10]}: "
     assert re.search(rf"{rejected}\d+\.\d times the noise; chance explains up to", text)
     assert f"1 left out, no point: {edge.labels[20]}" in text
@@ -113,3 +117,22 @@ def test_numbers_below_four_patterns_side_by_side_stay_apart():
     gaps = [right.x0 - left.x1 for left, right in pairwise(of_x)]
     plt.close("all")
     assert min(gaps) > 4  # pixels, half a digit
+
+
+def test_means_leave_the_band_of_chance_over_what_a_fault_depends_on():
+    """A drift, in order; of means without a fault one in twenty does."""
+    scan = scan_of("plane", seed=3, groups=10, **FINE)
+    drift = np.linspace(0, [0, 0, 1], len(scan.p_base_flange))
+    outside = []
+    for one in (scan, replace(scan, p_base_flange=scan.p_base_flange + drift)):
+        _, places = pictures.panels(1, 4, 1.4)
+        pictures.draw_patterns(places, calibrate([one]))
+        outside.append([])
+        for axes in places:
+            x, mean = axes.lines[-1].get_data()
+            ends = axes.collections[0].get_paths()[0].vertices
+            half = [np.abs(ends[ends[:, 0] == at, 1]).max() for at in x]
+            outside[-1].append(int(np.sum(np.abs(mean) > half)))
+    plt.close("all")
+    assert sum(outside[0]) <= binom.ppf(0.995, 32, 0.05)
+    assert outside[1][2] >= 4
