@@ -139,7 +139,7 @@ def yaskawa(folder):
 def kawasaki(folder):
     lines = [".PROGRAM scan()", "  TOOL tip", "  LMOVE p1", ".END", ".TRANS"]
     lines.append(f"tip {text(numbers_of(TOOL, 'Kawasaki angles'), ' ')}")
-    lines.append("home1 400 0 600 0 180 0")
+    lines.append("home 400 0 600 0 180 0")
     rows = poses("Kawasaki angles", matrices=matrices_of_poses() @ TOOL)
     lines += [f"p[{k}] {text(row, ' ')}" for k, row in enumerate(rows)]
     lines += [".END", ".JOINTS", "#home 0 10 20 30 40 50", ".END", ""]
@@ -476,8 +476,8 @@ POSES = (
 )
 IN_A_BASE = (abb, staubli)
 PROFILES = (
-    *(one_each, codes_in_um, lists, archives, sections, surfaces, numbered_columns),
-    *(long_table, below, stacked, point_clouds),
+    *(one_each, codes_in_um, lists, archives, surfaces, numbered_columns),
+    *(long_table, below, stacked),
 )
 
 

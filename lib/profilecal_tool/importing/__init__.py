@@ -3,9 +3,15 @@
 In: a folder, what was scanned, and what is said of the files (`questions.Layout`).
 Out: a `Scan`, and what was taken for granted; or a `Question` with its answer.
 
-`read_file` makes tables (`Block`) of any file: `text_tables`, `program_lines`,
-`nested_lists`, `array_files`. `column_meanings` says, by titles and by makers.toml,
-what their columns are; `robot_poses` and `scanner_profiles` take the numbers,
-`pair_profiles` tells which belong together, `tool_frames` takes the tool off, and
-`import_scan` makes the scan.
+    files ─► tables ─► columns by what they are ─► poses ────┐
+             (`Block`) (makers.toml)               profiles ─┴─► paired ─► scan
+
+1. `read_file` makes tables of any file: `text_tables`, `program_lines`,
+   `nested_lists`, `array_files` (with sheets). None of them knows what a pose is.
+2. `blocks` tells by titles alone what a column is; what it does not know is
+   asked.
+3. `robot_poses` and `scanner_profiles` take the numbers, with their units. In a table
+   that holds both, a profile has the pose of its first row.
+4. `pair_profiles` finds the pose of each profile: by label, by time, in order.
+5. `tool_frames` takes a tool off; `import_scan` makes the scan.
 """

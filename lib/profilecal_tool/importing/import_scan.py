@@ -1,7 +1,7 @@
 """A scan from files that people have: read, told what is what, paired, checked."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from glob import glob
 from pathlib import Path
@@ -16,24 +16,21 @@ from profilecal.scan.folder import NO_POSES, check_header, scan_of
 from profilecal.scan.motion import checked_log
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, listed, naming
+from profilecal_tool.importing.blocks import Block, counted
 from profilecal_tool.importing.pair_profiles import pair_profiles
-from profilecal_tool.importing.questions import Layout, Question, of_entry, one_or_ask
+from profilecal_tool.importing.questions import Layout, Question, one_or_ask
 from profilecal_tool.importing.read_file import is_known, tables_in_file
-from profilecal_tool.importing.robot_poses import (
-    Poses,
-    labelled_by_pose,
-    pose_entries,
-    poses_of,
-    robot_poses,
-)
+from profilecal_tool.importing.robot_poses import pose_entries, poses_in, robot_poses
 from profilecal_tool.importing.scanner_profiles import (
-    Profiles,
-    convert_to_mm,
     point_tables,
     read_profiles,
+    with_a_point_a_row,
 )
-from profilecal_tool.importing.text_tables import Block, File, counted
-from profilecal_tool.importing.tool_frames import entries_of_flange
+from profilecal_tool.importing.tool_frames import (
+    entries_of_flange,
+    of_one_tool,
+    said_in_program,
+)
 
 NOTHING_SAID = Layout()
 
@@ -45,11 +42,11 @@ class Source:
     paths: list[Path]
     first: list[Block]  # what the first of them holds
 
-    def each(self, encoding: str) -> Iterator[File]:
+    def each(self, layout: Layout) -> Iterator[tuple[Path, list[Block]]]:
         """Each file and what it holds."""
         yield self.paths[0], self.first
         for path in watched(self.paths[1:], "reading"):
-            yield path, tables_in_file(path, encoding)
+            yield path, blocks_in(path, layout)
 
 
 def import_scan(
@@ -61,77 +58,46 @@ def import_scan(
     folder, target = Path(folder), {"kind": kind} | sizes
     said = {"title": folder.resolve().name, "mount": layout.mount, "target": target}
     header, _ = check_header(folder, said)
-    taken = {}
     sources = sources_in(folder, layout)
-    poses, profiles, others = tables_in(folder, sources, layout, taken)
-    convert_to_mm(profiles, layout, taken)
-    values = np.split(profiles.xz, np.cumsum(profiles.counts)[:-1])
-    names = times_said(layout, profiles.names)
-    pairing = pair_profiles(poses, names)
-    taken["matched"] = pairing.how
-    rows = pairing.rows
-    if pairing.log:
-        names = counted(len(rows))
-    else:
+    of_poses, of_profiles = sources_of_poses_and_profiles(folder, sources, layout)
+    beside = [block for source in sources.values() for block in source.first]
+    columns = {"tool", "base", *(c.name for block in beside for c in block.others)}
+    if layout.where and layout.where.lower().partition("=")[0] not in columns:
+        sentence = f"no rows where {layout.where}; the columns are"
+        raise ScanError(f"{folder}: {sentence} {listed(sorted(columns))}")
+    used = {*of_poses.paths, *of_profiles.paths, *(b.path for b in beside if b.robot)}
+    every = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    left_out = listed(path.name for path in every if path not in used) or "none"
+    taken = {"left out": left_out}
+    poses = robot_poses(of_poses.each(layout), layout)
+    in_one = of_poses is of_profiles and len(of_poses.paths) == 1
+    count = len(poses.block.table)
+    one_each, several = len(of_profiles.paths) > 1, 0 if in_one else count
+    profiles = of_profiles.each(layout)
+    names, values = read_profiles(profiles, one_each, several, layout, taken)
+    counts = [*map(len, values)]
+    if in_one and sum(counts) == count:  # of one table: the pose of the first row
+        poses = poses.at(np.cumsum([0, *counts[:-1]]))
+    poses, tool = of_one_tool(poses, beside, layout, taken)
+    moves = (name for (name,) in said_in_program(poses, beside, "uses", ["name"]))
+    rows, log, taken["matched"] = pair_profiles(poses, names, moves, layout)
+    if not log:
         order = np.argsort(rows, kind="stable")
         order = order[rows[order] >= 0]
-        rows = rows[order]
-        values, names = ([those[k] for k in order] for those in (values, names))
-        check_one_profile_a_pose(rows, names, profiles.path, layout)
-    poses = replace(poses, table=poses.table.iloc[rows].assign(pose=names))
-    entries = pose_entries(poses, taken)
-    entries = entries_of_flange(entries, poses, layout, others, taken)
-    if pairing.log:
-        entries = in_sweeps(folder, entries, *pairing.log)
-    return scan_of(folder, header | entries | measured_entries(values)), taken
-
-
-def tables_in(
-    folder: Path, sources: dict[str, Source], layout: Layout, taken: dict[str, str]
-) -> tuple[Poses, Profiles, list[Path]]:
-    """The robot's poses, the profiles, and other files, with the first of the profiles.
-
-    Raises ScanError.
-    """
-    names = files_of_poses_and_profiles(folder, sources, layout)
-    of_poses, of_profiles = (sources[name] for name in names)
-    one_each = len(of_profiles.paths) > 1
-    if of_poses is of_profiles and not one_each:
-        blocks = [labelled_by_pose(block) for block in of_poses.first]
-        of_poses = of_profiles = replace(of_poses, first=blocks)
-    check_entry(layout, of_poses.first, of_profiles.first)
-    beside = [block for source in sources.values() for block in source.first]
-    poses = robot_poses([*of_poses.each(layout.encoding)], layout, beside)
-    if of_poses is of_profiles:
-        poses = poses.without_repeats()
-    count = len(poses.table)
-    files = of_profiles.each(layout.encoding)
-    profiles = read_profiles(files, one_each, layout, count)
-    used = {*of_poses.paths, *of_profiles.paths}
-    every = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    left = [path for path in every if path not in used]
-    programs = [b for b in beside if b.robot and b.robot == poses.block.robot]
-    read = {block.path for block in programs if block.kind != "pose"}
-    taken["left out"] = listed(p.name for p in left if p not in read) or "none"
-    return poses, profiles, [*left, *of_poses.paths[1:], of_profiles.paths[0]]
-
-
-def check_entry(
-    layout: Layout, of_poses: list[Block], of_profiles: list[Block]
-) -> None:
-    """Raise ScanError where neither a pose nor a list is called as the entry said."""
-    names = [*poses_of(of_poses, layout.pose_columns)]
-    names += [table.name for table in point_tables(of_profiles, layout)]
-    if names and not of_entry(names, layout.entry):
-        raise ScanError(f"--entry is {layout.entry}; there are {listed(names)}")
-
-
-def measured_entries(values: Sequence[ndarray]) -> dict[str, Any]:
-    """Entries of a Scan: points, or profiles, of which one point is none."""
-    if max(map(len, values)) == 1:
-        return {"measured": "points", "values": tuple(values)}
-    profiles = tuple(one if len(one) > 1 else one[:0] for one in values)
-    return {"measured": "profiles", "values": profiles}
+        rows, names = rows[order], [names[k] for k in order]
+        values = [values[k] for k in order]
+        check_one_profile_a_pose(folder, rows, names, layout)
+    labels = counted(len(rows)) if log else names
+    entries = pose_entries(poses.at(rows), labels, layout, taken)
+    if tool is not None:
+        entries = entries_of_flange(entries, poses, tool, layout)
+    if log:
+        entries = in_sweeps(folder, entries, *log)
+    measured = "points" if max(map(len, values)) == 1 else "profiles"
+    if measured == "profiles":  # one point is none
+        values = [one if len(one) > 1 else one[:0] for one in values]
+    entries = header | entries | {"measured": measured, "values": tuple(values)}
+    return scan_of(folder, entries), taken
 
 
 def sources_in(folder: Path, layout: Layout) -> dict[str, Source]:
@@ -144,7 +110,7 @@ def sources_in(folder: Path, layout: Layout) -> dict[str, Source]:
             pattern = re.sub(r"\d+", "*", str(path.relative_to(folder)))
             families.setdefault(pattern, []).append(path)
     return {
-        pattern: Source(paths, tables_in_file(paths[0], layout.encoding))
+        pattern: Source(paths, blocks_in(paths[0], layout))
         for pattern, paths in families.items()
     }
 
@@ -158,48 +124,50 @@ def files_matching(folder: Path, pattern: str) -> list[Path]:
     return sorted(paths, key=lambda p: re.sub(r"\d+", lambda d: d[0].zfill(20), str(p)))
 
 
-def files_of_poses_and_profiles(
-    folder: Path, sources: Mapping[str, Source], layout: Layout
-) -> tuple[str, str]:
+def blocks_in(path: Path, layout: Layout) -> list[Block]:
+    """The tables in a file, of one with the column that was said the rows wanted, and
+    with a point in each row. Raises ScanError.
+    """
+    name, _, value = layout.where.lower().partition("=")
+    blocks = tables_in_file(path, layout.encoding)
+    for k, block in enumerate(blocks):
+        for at in (column.at for column in block.others if column.name == name):
+            is_wanted = block.table[at].astype(str).str.lower() == value
+            if not is_wanted.any():
+                raise ScanError(f"{path}: no rows where {layout.where}")
+            blocks[k] = block = replace(block, table=block.table[is_wanted])
+        blocks[k] = with_a_point_a_row(block, layout)
+    return blocks
+
+
+def sources_of_poses_and_profiles(
+    folder: Path, sources: dict[str, Source], layout: Layout
+) -> tuple[Source, Source]:
     """Which files hold the poses, and which the profiles. Raises Question."""
-    first = {name: source.first for name, source in sources.items()}
-    counts = {name: len(source.paths) for name, source in sources.items()}
-    rows = {name: counts[name] * poses_in(first[name], layout) for name in first}
-    with_poses = [n for n in first if rows[n] and n != layout.profiles]
-    with_poses.sort(key=rows.get, reverse=True)
-    if layout.poses:
-        with_poses = [layout.poses]
-    others = [n for n in sorted(counts, key=counts.get) if n not in with_poses]
-    with_points = [n for n in others if point_tables(first[n], layout)]
+    counts = {name: len(one.paths) for name, one in sources.items() if one.first}
+    names = sorted(counts, key=counts.get)
+    with_poses = [
+        name
+        for name in names
+        if name != layout.profiles
+        and poses_in(sources[name].first, layout.pose_columns)
+    ]
+    with_poses = [layout.poses] if layout.poses else with_poses[::-1]
+    others = [name for name in names if name not in with_poses]
+    with_points = [n for n in others if point_tables(sources[n].first, layout)]
     usual = [n for n in with_points if 2 * counts[n] > counts[with_points[-1]]]
-    unclear = [n for n in others if n not in usual and first[n]]
+    unclear = [name for name in others if name not in usual]
     poses = one_or_ask(folder, with_poses or unclear[:1], "holds the poses", "poses")
-    if layout.profiles:
-        return poses, layout.profiles
-    profiles = usual or [n for n in unclear if n != poses][-1:]
-    beside = [poses] if point_tables(first[poses], layout) else []
-    return poses, one_or_ask(folder, profiles or beside, "are the profiles", "profiles")
-
-
-def poses_in(blocks: list[Block], layout: Layout) -> int:
-    """How many poses the blocks of a file hold, of whatever has them."""
-    by_name = poses_of(blocks, layout.pose_columns)
-    return sum(len(one.table) for several in by_name.values() for one in several)
-
-
-def times_said(layout: Layout, names: list[str]) -> list[str]:
-    """The names of profiles, or when they were taken by --times."""
-    if not layout.times:
-        return names
-    start, rate = layout.times
-    if not 0 < rate < np.inf:
-        expected = "expected s, and profiles a second"
-        raise ScanError(f"--times is {start:g} {rate:g}; {expected}")
-    return [f"{start + k / rate:.6f}" for k in range(len(names))]
+    profiles = usual or [name for name in unclear if name != poses][-1:]
+    if not profiles and point_tables(sources[poses].first, layout):
+        profiles = [poses]
+    profiles = [layout.profiles] if layout.profiles else profiles
+    profiles = one_or_ask(folder, profiles, "are the profiles", "profiles")
+    return sources[poses], sources[profiles]
 
 
 def check_one_profile_a_pose(
-    rows: ndarray, names: list[str], path: Path, layout: Layout
+    folder: Path, rows: ndarray, names: list[str], layout: Layout
 ) -> None:
     """Raise Question where several profiles are of one pose, and no one said which."""
     again = np.flatnonzero(rows[1:] == rows[:-1])
@@ -207,8 +175,7 @@ def check_one_profile_a_pose(
         one, other = names[again[0]], names[again[0] + 1]
         parts = [w for w in re.findall(r"[a-zA-Z]*\d+", one) if w not in other]
         sentence = f"{one} and {other} are of one pose; which of them? (all: '*')"
-        pattern = f"*{[*parts, one][0]}*{path.suffix}"
-        raise Question(f"{path.parent}: {sentence}", profiles=pattern)
+        raise Question(f"{folder}: {sentence}", profiles=f"*{[*parts, one][0]}*")
 
 
 def in_sweeps(

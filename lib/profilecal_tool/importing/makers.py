@@ -37,6 +37,8 @@ def are_lines(value: object) -> bool:
 
 
 Lines = Annotated[Sequence[str], (are_lines, "a list of lines")]
+
+
 Yes = Annotated[bool, (lambda value: value is True, "true")]
 
 
@@ -50,6 +52,7 @@ class Robot:
     has: str = ""
     remark: str = ""
     tool: Lines = ()
+    base: Lines = ()
     uses: Lines = ()
     tools_are_poses: Yes = False
     unit: Annotated[str, one_of(LENGTH_UNITS)] = "mm"
@@ -70,16 +73,15 @@ def robots_in(rows: Iterable[dict]) -> dict[str, Robot]:
         table = f"robot {row.get('maker', count)}"
         check_entries(PATH, row, Robot, table)
         robot = robots[row["maker"]] = Robot(**row)
-        for line in (*robot.pose, *robot.tool):
-            names = {*re.findall(r"\$(\w+)", line)}
-            if not {*"xyz"} <= names or not convention_of(names):
-                expected = "expected $x $y $z and the columns of a convention"
-                raise ScanError(f"{PATH}: {line!r} in [{table}]; {expected}")
-        for line in robot.uses:
-            names = {*re.findall(r"\$([a-z]+)", line)}
-            if not names <= {"name", "tool", "base"}:
-                expected = "expected $name, $tool or $base"
-                raise ScanError(f"{PATH}: {line!r} in [{table}]; {expected}")
+        for line in (*robot.pose, *robot.tool, *robot.uses):
+            names = {*re.findall(r"\$([a-z]\w*)", line)}
+            allowed = names >= {*"xyz"} and convention_of(names)
+            expected = "$x $y $z and the columns of a convention"
+            if line in robot.uses:
+                allowed = names <= {"name", "tool", "base"}
+                expected = "$name, $tool or $base"
+            if not allowed:
+                raise ScanError(f"{PATH}: {line!r} in [{table}]; expected {expected}")
     return robots
 
 

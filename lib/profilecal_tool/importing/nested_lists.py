@@ -15,8 +15,8 @@ from pandas import Series, json_normalize
 
 from profilecal.scan.tables import ScanError, naming
 from profilecal_tool.importing.array_files import array_blocks
+from profilecal_tool.importing.blocks import Block
 from profilecal_tool.importing.makers import WORDS
-from profilecal_tool.importing.text_tables import Block
 
 NUMBERED = re.compile(r"(.*?)[_ -]?(\d+)")
 
@@ -32,28 +32,19 @@ Loader.add_constructor(
 
 
 def nested_blocks(path: Path, text: str) -> Iterator[Block]:
-    """The tables of JSON, of lines of JSON and of YAML. Raises ScanError."""
+    """The tables of JSON and YAML. Raises ScanError."""
+    plain = re.sub(r"\A%YAML.*\n", "", text).replace(".Nan", ".nan")
+    is_json = path.suffix.lower() == ".json"
     with naming(path):
         try:
-            documents = [d for d in documents_in(text) if isinstance(d, (list, dict))]
+            every = [json.loads(text)] if is_json else yaml.load_all(plain, Loader)
+            documents = [one for one in every if isinstance(one, (list, dict))]
         except (yaml.YAMLError, json.JSONDecodeError) as error:
             words = " ".join(str(error).split())
             raise ScanError(f"{path}: {words}; is the file cut short?") from error
         if documents:
-            yield from nested_tables(
-                path, documents if len(documents) > 1 else documents[0]
-            )
-
-
-def documents_in(text: str) -> list:
-    """The documents in a text."""
-    if text.lstrip()[:1] not in ("{", "["):
-        plain = re.sub(r"\A%YAML.*\n", "", text).replace(".Nan", ".nan")
-        return [*yaml.load_all(plain, Loader)]
-    try:
-        return [json.loads(text)]
-    except json.JSONDecodeError:
-        return [json.loads(line) for line in text.splitlines() if line.strip()]
+            rows = documents if len(documents) > 1 else documents[0]
+            yield from nested_tables(path, rows)
 
 
 def nested_tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:

@@ -1,6 +1,6 @@
 """What a user says of files, and what is asked."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import copy
@@ -66,21 +66,17 @@ def one_or_ask(place: Any, names: Sequence[str], what: str, option: str) -> str:
     return names[0]
 
 
-def of_entry(names: Iterable[str], entry: str) -> list[str]:
-    """The names that are an entry, or else have it in them."""
-    alike = [name for name in names if entry.lower() in name.lower()]
-    return [name for name in alike if name.lower() == entry.lower()] or alike
-
-
-def scale_of(place: Any, units: set[str], usual: str, among: dict[str, float]) -> float:
-    """Of one unit of several columns, `among` those of lengths or of angles, to mm or
-    degrees. Raises ScanError.
+def scale_of(
+    place: Any, units: set[str], usual: str, among: dict[str, float]
+) -> tuple[float, str]:
+    """The one unit of several columns, `among` those of lengths or of angles: its scale
+    to mm or degrees, and its name. Raises ScanError.
     """
-    known = {unit or usual for unit in units}
-    if len(known) > 1 or not known <= among.keys():
-        sentence = f"the units are {listed(sorted(known))}; expected one of"
+    unit, *others = units or {usual}
+    if others or unit not in among:
+        sentence = f"the units are {listed(sorted(units))}; expected one of"
         raise ScanError(f"{place}: {sentence} {listed(among)}")
-    return among[known.pop()]
+    return among[unit], unit
 
 
 def read_answers(folder: Path) -> dict[str, Any]:

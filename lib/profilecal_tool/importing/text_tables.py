@@ -1,59 +1,22 @@
-"""Tables under titles, whatever the file is; nothing here knows what a pose is."""
+"""Tables of delimited text: lines of as many fields that follow each other."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pandas
-from numpy import ndarray
-from pandas import DataFrame
 
 from profilecal.geometry.progress import watched
-from profilecal.scan.tables import NOTHING, ScanError, Table, cell_number
+from profilecal.scan.tables import NOTHING, ScanError, cell_number
+from profilecal_tool.importing.blocks import Block, column_titled, counted
 
-MARKS = b"#% "  # before titles
+MARKS = b"#% \r\n"  # around titles
 BEGIN = 100_000  # characters that tell what a table is like
 HEAD = 50  # lines within which numbers begin
-
-
-@dataclass(frozen=True)
-class Block:
-    """A table in a file."""
-
-    path: Path
-    table: DataFrame  # numbers and text; the index is where a row stands in the file
-    titles: list[str]  # of its columns; 1, 2, … where there are none
-    above: str = ""  # the words above it
-    name: str = ""  # what the file calls it
-    robot: str = ""  # the maker whose program it is of
-    kind: str = "pose"  # of a program; or "tool", or "uses"
-    left: int = 0  # lines of a program with as many numbers that fit no pattern
-
-    @property
-    def is_bare(self) -> bool:
-        """Whether its columns have no titles."""
-        return self.titles == counted(len(self.titles))
-
-
-File = tuple[Path, list[Block]]  # and what it holds
-
-
-def numbers_of(path: Path, table: DataFrame, blank: bool = False) -> ndarray:
-    """A table as numbers (rows, columns), blanks as NaN if there may be some.
-
-    Raises ScanError.
-    """
-    columns = {name: cells.to_numpy() for name, cells in table.items()}
-    return Table(path, columns, table.index).numbers([*table], blank)
-
-
-def counted(count: int) -> list[str]:
-    """Titles for columns that have none."""
-    return [str(k + 1) for k in range(count)]
+EDGES = " \"'"  # of cells
 
 
 def dialect(text: str) -> tuple[str | None, str]:
@@ -67,95 +30,81 @@ def dialect(text: str) -> tuple[str | None, str]:
     return mark, "," if has_commas else "."
 
 
+def measured(
+    path: Path, content: bytes, between: bytes | None
+) -> Iterator[tuple[int, int]]:
+    """The length of each line and the count of its fields: none of a blank line, nor of
+    a remark below others, which is no title.
+    """
+    at_top = True
+    count = content.count(b"\n")
+    for line in watched(BytesIO(content), f"reading {path.name}", count):
+        cells = line.strip(MARKS)
+        if cells and line[0] not in b"#%":
+            at_top = False
+        elif not at_top:
+            cells = b""
+        yield len(line), len(cells.split(between)) if cells else 0
+
+
+def row_where_numbers_begin(rows: list[list[str]], decimal: str) -> int | None:
+    """Where numbers begin: a row has several or more than words, and none stands below
+    one of its words, which would be titles.
+    """
+    values = [[cell_number(c.replace(decimal, ".")) for c in row] for row in rows]
+    for k, own in enumerate(values):
+        words, numbers = np.isinf(own), np.isfinite(own)
+        is_title = k + 1 < len(values) and (words & np.isfinite(values[k + 1])).any()
+        if not is_title and numbers.sum() > min(words.sum(), 1):
+            return k
+    return None
+
+
 def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
-    """The tables of delimited text: lines of as many fields that follow each other."""
+    """The tables of a text: runs of lines of as many fields, from where numbers begin.
+    What goes on without titles below a remark or blank lines has those above.
+
+    Raises ScanError for a row of another length in a table with titles.
+    """
     mark, decimal = dialect(content[:BEGIN].decode(errors="ignore"))
-    between = mark.encode() if mark else None
-    read = 0
-    for line, count, place in runs_of_equal_fields(path, content, between):
+    between = mark and mark.encode()
+    kind = np.dtype((np.int32, 2))
+    lengths, fields = np.fromiter(measured(path, content, between), kind).T
+    places = np.cumsum(lengths) - lengths
+    begins = np.flatnonzero(np.diff(fields, prepend=0))
+    known, after = [], 0  # titles above, and where their table ends
+    for begin, end in zip(begins, [*begins[1:], len(fields)], strict=True):
         stream = BytesIO(content)
-        stream.seek(place)
-        rows = first_cells(islice(stream, min(count, HEAD)), between)
-        first = row_where_numbers_begin(rows, decimal)
+        stream.seek(places[begin])
+        lines = islice(stream, min(end - begin, HEAD))
+        cells = [line.strip(MARKS).split(between) for line in lines]
+        rows = [[c.decode(errors="ignore").strip(EDGES) for c in row] for row in cells]
+        first = row_where_numbers_begin(rows, decimal) if fields[begin] else None
         if first is None:
             continue
-        stream.seek(place)
+        count = len(rows[0])
+        titled = [row for row in rows[:first] if any(row)]
+        if known and not titled and begin == after and count != len(known):
+            found = f"{count} fields; expected {len(known)}, as above"
+            raise ScanError(f"{path} line {begin + 1}: {found}")
+        if titled or count == len(known):
+            known, after = [known, *titled][-1], end
+        titles = known if after == end else counted(count)
+        labels = [column_titled(*one).role == "label" for one in enumerate(titles)]
+        stream.seek(places[begin])
         table = pandas.read_csv(
             stream,
             sep=mark or r"\s+",
             header=None,
-            names=range(len(rows[0])),
-            nrows=count - first,
+            names=range(count),
+            nrows=end - begin - first,
             skiprows=first,
+            # as text: 1.10 is not 1.1
+            dtype=dict.fromkeys(np.flatnonzero(labels), "category"),
             decimal=decimal,
             na_values=[*NOTHING, "Invalid", "INVALID", ".Nan", "-"],
             skipinitialspace=True,
             index_col=False,
         )
-        table.index += line + first
-        above = content[max(read, place - BEGIN) : place].decode(errors="ignore")
-        above += "\n".join(map(" ".join, rows[:first]))
-        titles = rows[first - 1] if first else counted(len(rows[0]))
-        yield Block(path, table, titles, above)
-        read = place
-
-
-def with_continuations(blocks: Iterable[Block]) -> Iterator[Block]:
-    """Tables with titles, and what goes on below remarks and blank lines without.
-
-    Raises ScanError for numbers between, of another number of columns.
-    """
-    groups, titled = [], None
-    for block in blocks:
-        count = len(block.titles)
-        if not titled or not block.is_bare or count != len(titled[0].titles):
-            groups.append([block])
-            titled = titled if block.is_bare else groups[-1]
-            continue
-        odd = groups[-1][0]
-        if odd.is_bare:
-            found = f"{len(odd.titles)} fields; expected {count}, as above"
-            raise ScanError(f"{odd.path} line {odd.table.index[0]}: {found}")
-        titled.append(block)
-    for first, *more in groups:
-        tables = [block.table for block in (first, *more)]
-        yield replace(first, table=pandas.concat(tables)) if more else first
-
-
-def runs_of_equal_fields(
-    path: Path, content: bytes, between: bytes | None
-) -> Iterator[tuple[int, int, int]]:
-    """The first line, the count and the place of lines with as many fields."""
-    lines = watched(BytesIO(content), f"reading {path.name}", content.count(b"\n"))
-    first = place = at = fields = line = 0
-    began = False  # a table; what is remarked below is no title
-    for line, text in enumerate(lines, 1):
-        began |= fields > 0 and line - first > 1
-        is_blank = not text.strip() or (began and text[:1] in MARKS[:2])
-        count = 0 if is_blank else len(text.strip(MARKS).split(between))
-        if count != fields:
-            if fields:
-                yield first, line - first, place
-            first, place, fields = line, at, count
-        at += len(text)
-    if fields:
-        yield first, line + 1 - first, place
-
-
-def first_cells(lines: Iterable[bytes], between: bytes | None) -> list[list[str]]:
-    """The cells of lines."""
-    rows = [line.strip(MARKS).split(between) for line in lines]
-    outer = " \"'\r\n"
-    return [[cell.decode(errors="ignore").strip(outer) for cell in r] for r in rows]
-
-
-def row_where_numbers_begin(rows: Sequence[Sequence[str]], decimal: str) -> int | None:
-    """Where numbers begin: half of a row's cells are, and none stands below a word."""
-    cells = DataFrame(rows)
-    values = cells.map(lambda cell: cell_number(cell.replace(decimal, ".")))
-    words = values.abs() == float("inf")
-    filled = (cells != "").sum(axis=1)
-    has_numbers = 2 * words.sum(axis=1) < filled + (filled > 3)
-    is_title = (words > words.shift(-1, fill_value=True)).any(axis=1)
-    data = np.flatnonzero(has_numbers & ~is_title)
-    return int(data[0]) if len(data) else None
+        table.index += begin + first + 1
+        yield Block(path, table, titles)

@@ -1,0 +1,229 @@
+"""What readers make of files: tables, whose titles alone tell what columns are."""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from numpy import ndarray
+from pandas import DataFrame
+
+from profilecal.scan.conventions import Convention
+from profilecal.scan.tables import Table, cell_number
+from profilecal_tool.importing.makers import (
+    ROLE_OF_TITLE,
+    ROLES_OF_LIST,
+    UNITS,
+    WORDS,
+    convention_of,
+)
+from profilecal_tool.importing.questions import one_or_ask
+
+FEWEST = 8  # numbers behind one name that are a profile
+MOST = 16  # numbers of a pose, a matrix; a row of more without titles is a profile
+KNOWN = "|".join(map(re.escape, sorted(UNITS, key=len, reverse=True)))
+IN_BRACKETS = re.compile(r"(.*?)[\s_,/]*[\[(]([^\])]*)[\])]")
+BEHIND = re.compile(rf"(.*?)(?:[\s_]+in)?[\s_,/]+({KNOWN})")  # A in Grad, x_mm
+NUMBERED = re.compile(r"(.*[^\W\d_])_?(\d+)")
+
+
+class Column(NamedTuple):
+    """What a column of a block is."""
+
+    at: int  # where it stands
+    name: str  # its title without a unit; a number if it has none
+    role: str = ""  # such as x, qw, label; "" for what is not known
+    owner: str = ""  # what its title names besides: such as tcp in tcp_x
+    unit: str = ""  # that its title says
+
+
+@dataclass(frozen=True)
+class Block:
+    """A table in a file."""
+
+    path: Path
+    table: DataFrame  # columns 0, 1, …; the index is where a row stands in the file
+    titles: list[str]  # of the columns; 1, 2, … where there are none
+    name: str = ""  # what the file calls it
+    robot: str = ""  # the maker whose program it is of
+    kind: str = "pose"  # of a program; or "tool", "base", "uses"
+
+    @property
+    def is_bare(self) -> bool:
+        """Whether its columns have no titles."""
+        return self.titles == counted(len(self.titles))
+
+    def title(self, at: int) -> str:
+        """A column's title, or its number where several have the same."""
+        title = self.titles[at]
+        return title if self.titles.count(title) == 1 else str(at + 1)
+
+    def numbers(self, columns: Iterable[Column], blank: bool = False) -> ndarray:
+        """Columns as numbers (rows, columns), NaN for blanks if there may be some.
+
+        Raises ScanError.
+        """
+        cells = {self.title(c.at): self.table[c.at].to_numpy() for c in columns}
+        return Table(self.path, cells, self.table.index).numbers(cells, blank)
+
+    @cached_property
+    def columns(self) -> list[Column]:
+        """What its columns are; of numbers behind one name, or none, by the first or
+        last word of the name and by how many there are.
+        """
+        columns = [column_titled(*one) for one in enumerate(self.titles)]
+        stems = defaultdict(list)
+        for column in columns:
+            if is_number(column.name):
+                stems[""].append(column)
+            elif not column.role and (match := NUMBERED.fullmatch(column.name)):
+                stems[match[1]].append(column)
+        for stem, own in stems.items():
+            roles, owner = [], stem
+            if len(own) > (MOST if self.is_bare else FEWEST - 1):
+                # z alone may stand below its places
+                role = column_titled(0, stem).role if stem else "z"
+                roles = [role] * len(own) * (role in {*"xyz"})
+            if not roles and (stem or self.is_bare):
+                roles, owner = self.roles_of_list(stem, own)
+            for column, role in zip(own, roles, strict=False):
+                columns[column.at] = column._replace(role=role, owner=owner)
+        return columns
+
+    def roles_of_list(self, stem: str, own: list[Column]) -> tuple[list[str], str]:
+        """The roles of numbers behind one name, and whose they are."""
+        before, _, last = stem.rpartition("_")
+        first, _, after = stem.partition("_")
+        owners = {stem: stem, last: before, first: after}
+        if not stem or len(own) > 2:
+            owners["bare"] = stem
+        cells = self.table[[column.at for column in own]]
+        if cells.select_dtypes("number").shape != cells.shape:
+            return [], stem
+        for word, owner in owners.items():
+            for roles in ROLES_OF_LIST[word, len(own)]:
+                fixed = {k: float(r) for k, r in enumerate(roles) if r in ("0", "1")}
+                if (cells.iloc[:, [*fixed]] == [*fixed.values()]).all(axis=None):
+                    return roles, owner
+        return [], stem
+
+    @cached_property
+    def poses(self) -> dict[str, "Part"]:
+        """The pose of each row, under whose it is: a position, and angles of the same
+        owner, or else of none that has a position.
+        """
+        owned = defaultdict(dict)
+        for column in self.columns if self.kind == "pose" else ():
+            owned[column.owner].setdefault(column.role, column)
+        placed = {o: roles for o, roles in owned.items() if roles.keys() >= {*"xyz"}}
+        unowned = [c for c in self.columns if c.owner not in placed or not c.owner]
+        loose = {column.role: column for column in unowned}
+        poses = {}
+        for owner, roles in placed.items():
+            turned = roles if convention_of(roles) else loose | roles
+            if convention := convention_of(turned):
+                columns = {name: turned[name] for name in (*"xyz", *convention.columns)}
+                poses[owner] = Part(self, f"{self.name} {owner}".strip(), columns)
+        return poses
+
+    @cached_property
+    def others(self) -> list[Column]:
+        """The columns that are of no pose."""
+        posed = {c for pose in self.poses.values() for c in pose.columns.values()}
+        return [column for column in self.columns if column not in posed]
+
+    def having(self, *roles: str) -> list[Column]:
+        """Of these, those of some roles, in the order of the roles."""
+        return [c for role in roles for c in self.others if c.role == role]
+
+
+@dataclass(frozen=True)
+class Part:
+    """What each row of a block is: a pose, or a point."""
+
+    block: Block
+    name: str  # what the file calls it
+    columns: dict[str, Column]  # by role
+
+    @property
+    def path(self) -> Path:
+        """The file, or the first of several."""
+        return self.block.path
+
+    @property
+    def convention(self) -> Convention:
+        """Of a pose's orientation."""
+        return convention_of(self.columns)
+
+    @property
+    def labels(self) -> dict[str, list[str]]:
+        """What may be labels of the rows, by title."""
+        table = self.block.table
+        free = [c for c in self.block.others if c.name and c.role in ("label", "")]
+        return {c.name: [*map(label_of, table[c.at])] for c in free}
+
+    def numbers(self, roles: Iterable[str], blank: bool = False) -> ndarray:
+        """Columns as numbers (rows, columns). Raises ScanError."""
+        return self.block.numbers([self.columns[role] for role in roles], blank)
+
+    def units(self, roles: Iterable[str]) -> set[str]:
+        """The units that titles of columns say."""
+        return {self.columns[role].unit for role in roles} - {""}
+
+    def at(self, rows: Any) -> "Part":
+        """The same of some rows, by where they stand in the table."""
+        block = replace(self.block, table=self.block.table.iloc[rows])
+        return replace(self, block=block)
+
+
+def parts_called(
+    parts: Sequence[Part], entry: str, liked: str, what: str
+) -> list[Part]:
+    """The parts of one name: as the entry says, or else of the robot, and with a word
+    that is liked. Raises Question for several.
+    """
+    names = [*dict.fromkeys(part.name for part in parts)]
+    own = [name for name in names if entry.lower() in name.lower()] or names
+    own = [name for name in own if not is_of_other(name)] or own
+    own = [name for name in own if liked in name.lower()] or own
+    own = [name for name in names if name.lower() == entry.lower()] or own
+    name = one_or_ask(parts[0].path, own, what, "entry")
+    return [part for part in parts if part.name == name]
+
+
+def is_of_other(name: str) -> bool:
+    """Whether a name is of something else than the robot."""
+    return bool({*re.split(r"[\W_]+", name.lower())} & WORDS["other"])
+
+
+def label_of(cell: Any) -> str:
+    """A label: 7 for 7.0, as a column with blanks has it."""
+    return f"{cell:.12g}" if isinstance(cell, float) else str(cell)
+
+
+def counted(count: int) -> list[str]:
+    """Titles for columns that have none."""
+    return [str(k + 1) for k in range(count)]
+
+
+def is_number(text: str) -> bool:
+    """Whether a number stands in place of a title."""
+    return abs(cell_number(text)) < float("inf")
+
+
+def column_titled(at: int, title: str) -> Column:
+    """What a title says by itself."""
+    text, unit = title.strip().lower(), ""
+    if is_number(text):
+        return Column(at, text)
+    if match := IN_BRACKETS.fullmatch(text) or BEHIND.fullmatch(text):
+        text, unit = match.groups()
+    words = re.sub(r"\W+", "_", text).strip("_").split("_")
+    name = "_".join(words)
+    for k in range(len(words)):
+        if role := ROLE_OF_TITLE.get("_".join(words[k:])):
+            return Column(at, name, role, "_".join(words[:k]), unit)
+    return Column(at, name, unit=unit)
