@@ -219,17 +219,10 @@ def print_calibration(found, as_json, vendor) -> None:
     to_paste = ""
     if vendor and found.is_known:
         to_paste = for_controller(vendor, found.pose, found.frame)
-    elif vendor:
-        echo("profilecal: no pose to paste: see the notes", err=True)
-    if as_json:
-        echo(answer_text(found))
-    else:
-        echo(calibration_text(found, to_paste))
-    if to_paste and found.status == "weak":
-        echo(
-            "profilecal: status weak, see the notes: this pose is not to be relied on",
-            err=True,
-        )
+    echo(answer_text(found) if as_json else calibration_text(found, to_paste))
+    if vendor and found.status != "ok":
+        pose = "this pose is not to be relied on" if to_paste else "no pose to paste"
+        echo(f"profilecal: {pose}: see the notes", err=True)
 
 
 def next_step(found, folders) -> str:

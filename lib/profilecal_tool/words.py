@@ -5,7 +5,6 @@ with a name.
 import numpy as np
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
-from scipy.special import stdtrit
 
 from profilecal.calibration.answer import Answer
 from profilecal.calibration.calibration import Calibration
@@ -20,7 +19,7 @@ from profilecal.geometry.observability import (
     name_direction,
     shift_and_turn,
 )
-from profilecal.joint.prior import FINEST_MM, FREEDOM
+from profilecal.joint.prior import FINEST_MM
 from profilecal.joint.solution import Solution
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import listed
@@ -92,7 +91,7 @@ def error_lines(found: Calibration) -> list[str]:
     solution = found.solution_or_none
     if solution is None or found.misread:
         return []
-    errors = robot_errors(solution.noise, solution.prior.scales)
+    errors = robot_errors(solution.noise)
     # an estimate of the noise makes χ²/dof 1
     chi2 = f", χ²/dof {solution.chi2_per_dof:.3g}"
     chi2 *= solution.noise_source == "given"
@@ -123,12 +122,8 @@ def deviations(covariance: np.ndarray, delta: np.ndarray | None = None) -> str:
     return shift_and_turn(np.r_[known[:3], np.degrees(known[3:])])
 
 
-def robot_errors(noise: Noise, usual: Noise) -> str:
-    """How large the robot's errors are, at each place where they arise; `usual`: the
-    scales that are expected of them.
-    """
-    # where the law that they are drawn from leaves one in a hundred
-    much = stdtrit(FREEDOM, 1 - FALSE_ALARM / 2)
+def robot_errors(noise: Noise) -> str:
+    """How large the robot's errors are, at each place where they arise."""
     places = ("at each visit", "at each pose", "shared by the poses of an orientation")
     sizes = np.reshape([getattr(noise, name) for name in ROBOT], (3, 2))
     errors = [
@@ -136,9 +131,6 @@ def robot_errors(noise: Noise, usual: Noise) -> str:
         for place, (mm, deg) in zip(places, sizes, strict=True)
         if max(mm, deg) > FINEST_MM
     ]
-    times = noise.group_position_mm / max(usual.group_position_mm, FINEST_MM)
-    if times > much:
-        errors[-1] += f" ({times:.0f} times the usual: or a second target was seen)"
     if noise.jitter_ms > FINEST_MM:
         errors.append(f"of the times {noise.jitter_ms:.2g} ms")
     return ", ".join(errors) or "none that the residuals show"

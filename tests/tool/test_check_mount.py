@@ -8,38 +8,35 @@ import profilecal as pc
 
 
 def test_a_log_has_a_row_a_day_and_a_picture(tmp_path):
-    scan = scan_of("ball", seed=1, groups=10)
-    pc.write_scan(scan, tmp_path / "scan")
     answer, log = tmp_path / "T.json", tmp_path / "log.csv"
-    answer.write_text(run("calibrate", tmp_path / "scan", "--json").output)
+    pc.write_answer(pc.calibrate(scan_of("ball", seed=1, groups=10)), answer)
     again = scan_of("ball", seed=1, groups=10, scan=2)
-    T = again.T_base_flange[:3]
-    statuses = []
-    for day, shift in (("one", 0.0), ("two", 5.0)):
-        arcs = np.concatenate(again.values[:3]) + np.array([0, shift, 0])
-        pc.write_scan(pc.Scan.of("ball", T, arcs=arcs, radius=25), tmp_path / day)
-        options = ("--with", answer, "--log", log)
-        result = run("check-mount", tmp_path / day, *options)
-        statuses.append(result.exit_code)
-    assert statuses == [0, 1]
-    assert "moved -5" in result.output
-    assert "along the sensor's z, and no other way" in result.output
-    assert len(log.read_text().splitlines()) == 3
+
+    def checked(name, poses, shift, log):
+        """What the command says of some poses, of arcs that are shifted along z."""
+        arcs = np.concatenate(again.values[:poses]) + np.array([0, shift, 0])
+        T = again.T_base_flange[:poses]
+        if not (tmp_path / name).exists():
+            few = pc.Scan.of("ball", T, arcs=arcs, radius=25)
+            pc.write_scan(few, tmp_path / name)
+        return run("check-mount", tmp_path / name, "--with", answer, "--log", log)
+
+    assert checked("one", 3, 0, log).exit_code == 0
+    moved = checked("two", 3, 5, log)
+    assert moved.exit_code == 1
+    assert "moved -5" in moved.output
+    assert "along the sensor's z, and no other way" in moved.output
+    single = checked("single", 1, 0, log)
+    assert "left it, in the 3 of 6 directions that these poses test" in single.output
+    assert len(log.read_text().splitlines()) == 4
     assert (tmp_path / "log.png").stat().st_size > 10_000
-    other = tmp_path / "other.csv"
+    other, picture = tmp_path / "other.csv", tmp_path / "other.png"
     other.write_text("a,b\n1,2\n")
-    result = run("check-mount", tmp_path / "one", "--with", answer, "--log", other)
-    assert result.exit_code == 2
+    assert checked("one", 3, 0, other).exit_code == 2
     assert other.read_text() == "a,b\n1,2\n"
-    picture = tmp_path / "other.png"
-    result = run("check-mount", tmp_path / "one", "--with", answer, "--log", picture)
-    assert result.exit_code == 2
-    assert f"--log is {picture}; expected a name that ends in .csv" in result.stderr
-    assert not picture.exists()
-    one = pc.Scan.of("ball", T[:1], arcs=again.values[0], radius=25)
-    pc.write_scan(one, tmp_path / "single")
-    result = run("check-mount", tmp_path / "single", "--with", answer)
-    assert "left it, in the 3 of 6 directions that these poses test" in result.output
+    refused = checked("one", 3, 0, picture)
+    assert refused.exit_code == 2
+    assert f"--log is {picture}; expected a name that ends in .csv" in refused.stderr
 
 
 def test_a_check_that_could_show_nothing_has_a_status_of_its_own(tmp_path):

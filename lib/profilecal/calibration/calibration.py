@@ -366,6 +366,9 @@ def observability_entries(solution: Solution, frame: str) -> dict[str, Any]:
     residuals' derivatives over the noise.
     """
     known = solution.observability
-    worst = name_direction(known.directions[0], solution.rotation, frame)
-    singular_values = 1 / np.maximum(known.sd, np.finfo(float).eps)
-    return {"singular_values": singular_values, "worst_direction": worst}
+    return {
+        "singular_values": 1 / np.maximum(known.sd, np.finfo(float).eps),
+        "worst_direction": name_direction(
+            known.directions[0], solution.rotation, frame
+        ),
+    }

@@ -42,12 +42,6 @@ ALLOWED = (
 )
 
 
-def in_words(error: Perturbation, correction: float) -> str:
-    """An error with its size, in its own unit, the opposite of its correction."""
-    words = EITHER_WAY.sub(r"\1" if correction < 0 else r"\2", error.words)
-    return words.format(brief(error.unit * abs(correction)))
-
-
 @dataclass(frozen=True)
 class Finding:
     """Something that may be wrong in the same way in every pose."""
@@ -60,8 +54,10 @@ class Finding:
 
     @property
     def words(self) -> str:
-        """What it looks like."""
-        return in_words(self.error, self.correction)
+        """The error with its size, in its own unit, the opposite of its correction."""
+        way = r"\1" if self.correction < 0 else r"\2"
+        size = brief(self.error.unit * abs(self.correction))
+        return EITHER_WAY.sub(way, self.error.words).format(size)
 
 
 def systematic_tests(solution: Solution) -> list[Finding]:
@@ -112,8 +108,8 @@ def check(solution: Solution) -> tuple[Solution, bool]:
     and whether it is misread: whether they speak against it, which more poses would
     not mend.
     """
-    objections = contradictions(solution)
-    if is_contradictory(solution):
+    objections, are_large = contradictions(solution)
+    if are_large:
         solution = replace(solution, status="unobservable")
     if solution.status == "unobservable":
         messages = (*solution.messages, *objections)
@@ -138,20 +134,10 @@ def check(solution: Solution) -> tuple[Solution, bool]:
     return believed, bool(against)
 
 
-def error_mm(solution: Solution) -> float:
-    """By how much the data contradict each other."""
-    return max(solution.rms_mm, solution.noise.position_mm)
-
-
-def is_contradictory(solution: Solution) -> bool:
-    """Whether the data contradict each other by more than a robot errs."""
-    noise, scales = solution.noise, solution.prior.scales
-    stated = 3 * max(noise.steering_mm, scales.position_mm, scales.group_position_mm)
-    return error_mm(solution) > max(LARGEST_ERROR_MM, stated)
-
-
-def contradictions(solution: Solution) -> list[str]:
-    """What in the residuals no noise explains, in words."""
+def contradictions(solution: Solution) -> tuple[list[str], bool]:
+    """What in the residuals no noise explains, in words, and whether the data
+    contradict each other by more than a robot errs.
+    """
     messages = []
     misfit = np.sqrt(max(solution.chi2_per_dof, 0.0))  # below it is rounding
     if solution.noise_source == "given" and misfit > MUCH:
@@ -159,16 +145,20 @@ def contradictions(solution: Solution) -> list[str]:
             f"the residuals are {brief(misfit)} times what the stated noise explains; "
             f"{ADVICE}"
         )
-    if is_contradictory(solution):
+    noise, scales = solution.noise, solution.prior.scales
+    stated = 3 * max(noise.steering_mm, scales.position_mm, scales.group_position_mm)
+    error_mm = max(solution.rms_mm, noise.position_mm)
+    are_large = error_mm > max(LARGEST_ERROR_MM, stated)
+    if are_large:
         messages.append(
-            f"the data contradict each other by {brief(error_mm(solution))} mm, "
+            f"the data contradict each other by {brief(error_mm)} mm, "
             f"more than a robot errs; {ADVICE}"
         )
     rejected = np.concatenate(solution.rejected)
     if rejected.mean() > LARGEST_REJECTED:
         counts = f"{rejected.sum()} of {len(rejected)}"
         messages.append(f"{counts} poses contradict the others; {ADVICE}")
-    return messages
+    return messages, are_large
 
 
 def poor_errors(solution: Solution) -> dict[Perturbation, float]:

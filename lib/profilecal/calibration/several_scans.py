@@ -83,7 +83,11 @@ def with_few_joined(scans: Sequence[Scan]) -> tuple[tuple[Scan, ...], list[str]]
     first, kept = scans[0], []
     remarks = []
     for name, scan in zip(prefixes(scans)[1:], scans[1:], strict=True):
-        if len(scan.values) < LEAST_POSES and same_target(first, scan):
+        alike = all(
+            getattr(scan, name) == getattr(first, name)
+            for name in ("kind", "sizes", "measured", "log")
+        )
+        if alike and not scan.log and len(scan.values) < LEAST_POSES:
             first = joined(first, scan, name)
             remarks.append(
                 f"{name}{len(scan.values)} poses do not place a target; this "
@@ -92,12 +96,6 @@ def with_few_joined(scans: Sequence[Scan]) -> tuple[tuple[Scan, ...], list[str]]
         else:
             kept.append(scan)
     return (first, *kept), remarks
-
-
-def same_target(first: Scan, second: Scan) -> bool:
-    """Whether two scans may be of one target in one place, both at rest."""
-    of_each = [(one.kind, one.sizes, one.measured, one.log) for one in (first, second)]
-    return of_each[0] == of_each[1] and not first.log
 
 
 def joined(first: Scan, second: Scan, name: str) -> Scan:

@@ -155,25 +155,13 @@ def verify(
         one.answer if isinstance(one, Calibration) else one for one in (found, other)
     )
     title = check_another(found, other)
-    if isinstance(other, Answer):
-        return compared(found, other)
-    return with_scan_alone(found, other, title)
-
-
-def compared(found: Answer, other: Answer) -> Verification:
-    """One answer with another."""
-    own = other.covariance_mm_deg
-    if own is None:
-        own = other.covariance_total_mm_deg
-    delta = difference(found.pose, other.pose)
-    stated = in_mm_rad(found.covariance_total_mm_deg)
-    return Verification(delta, stated, in_mm_rad(own), other)
-
-
-def with_scan_alone(found: Answer, scan: Scan, title: str) -> Verification:
-    """A pose with a scan by itself, or near the pose where that is not "ok"."""
     T, stated = found.pose, in_mm_rad(found.covariance_total_mm_deg)
-    alone = calibrate(scan, T, NEAR)
+    if isinstance(other, Answer):
+        own = other.covariance_mm_deg
+        if own is None:
+            own = other.covariance_total_mm_deg
+        return Verification(difference(T, other.pose), stated, in_mm_rad(own), other)
+    alone = calibrate(other, T, NEAR)
     shown = len(alone.seen[0])
     if shown < FEWEST_POSES:
         raise ScanError(
@@ -181,14 +169,13 @@ def with_scan_alone(found: Answer, scan: Scan, title: str) -> Verification:
             "more, or check-mount, which does with fewer if the target stands as it did"
         )
     solution, (used,) = alone.solution, alone.observed
-    delta = difference(T, solution.pose)
     target, points, _ = target_by(T, used.keep(solution.kept[0]))
     checked = Verification(
-        delta,
+        difference(T, solution.pose),
         stated,
         solution.covariance,
         alone,
-        dict(zip(scan.measures, map(float, target.measures), strict=True)),
+        dict(zip(other.measures, map(float, target.measures), strict=True)),
         float(np.sqrt(np.mean(target.distance(points) ** 2))),
     )
     if not len(checked.apart):

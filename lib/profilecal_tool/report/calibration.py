@@ -6,6 +6,7 @@ Every function takes a `profilecal.calibration.calibration.Calibration`.
 from collections.abc import Iterable
 from dataclasses import dataclass
 from html import escape
+from itertools import chain
 
 import numpy as np
 
@@ -117,19 +118,16 @@ def rejected_poses(calibration: Calibration) -> Html:
     """The poses whose residuals are too large, and how large."""
     sentences = []
     if calibration.solution_or_none:
-        scans = zip(
-            calibration.labels_by_scan(),
-            calibration.solution.normalised,
-            calibration.solution.rejected,
-            chance_limits(calibration),
+        every = zip(
+            chain(*calibration.labels_by_scan()),
+            np.concatenate(calibration.solution.normalised),
+            np.concatenate(calibration.solution.rejected),
+            np.concatenate(chance_limits(calibration)),
             strict=True,
         )
-        for labels, sizes, rejected, limits in scans:
-            for i in np.flatnonzero(rejected):
-                why = "most of its group is off"
-                if sizes[i] > limits[i]:
-                    why = f"chance explains up to {limits[i]:.1f}"
-                sentences.append(
-                    f"pose {labels[i]}: {sizes[i]:.1f} times the noise; {why}"
-                )
+        sentences = [
+            f"pose {label}: {size:.1f} times the noise; chance explains {limit:.1f}"
+            for label, size, rejected, limit in every
+            if rejected
+        ]
     return words(sentences or ["none"])

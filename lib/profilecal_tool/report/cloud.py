@@ -13,7 +13,7 @@ from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.verify import target_by
 from profilecal.geometry.poses import in_base
 from profilecal.scan.tables import written_whole
-from profilecal_tool.report.pictures import WIDTH, in_frame
+from profilecal_tool.report.pictures import in_frame, in_space
 
 DRAWN = 6000  # points of a picture
 PLY = """ply
@@ -71,25 +71,14 @@ def clouds_of(calibration: Calibration, T: ndarray) -> list[Cloud]:
 
 
 def plot_cloud(cloud: Cloud, title: str) -> plt.Figure:
-    """Draw a cloud, and how far each pose's feature is from the target."""
-    figure, axes = plt.subplot_mosaic(
-        [["cloud"], ["off"]],
-        height_ratios=(3, 1),
-        figsize=(WIDTH, 6.4),
-        layout="constrained",
-        per_subplot_kw={"cloud": {"projection": "3d"}},
-    )
+    """Draw a cloud."""
+    rms = np.sqrt(np.mean(cloud.residuals**2))
+    where = f"put together from all poses:\n{rms:.2g} mm rms from the target"
+    figure, axes = in_space(f"{title}, {where}")
     few = slice(None, None, 1 + len(cloud.points) // DRAWN)
     points, of_points = cloud.points[few], colours(cloud.pose)[few]
-    axes["cloud"].scatter(*points.T, c=of_points, s=1, depthshade=False)
-    in_frame(axes["cloud"], cloud.frame, points)
-    number = np.arange(len(cloud.residuals))
-    axes["off"].bar(number + 1, cloud.residuals, color=colours(number))
-    axes["off"].set_xlabel("pose, counted without those left out")
-    axes["off"].set_ylabel("off the target\n[mm rms]")
-    rms = np.sqrt(np.mean(cloud.residuals**2))
-    where = "put together from all poses"
-    figure.suptitle(f"{title}, {where}:\n{rms:.2g} mm rms from the target")
+    axes.scatter(*points.T, c=of_points, s=1, depthshade=False)
+    in_frame(axes, cloud.frame, points)
     return figure
 
 

@@ -46,15 +46,15 @@ def test_poses_without_a_measurement_are_left_out_and_named_by_scan():
 
 def test_features_of_different_precision_are_weighed():
     plan = {"seed": 6, "groups": 8, "positions": 4, "scanner": SCANNER}
-    edge = scan_of("edge", measured="profiles", title="edge", **plan)
-    ball = scan_of("ball", measured="profiles", title="ball", **plan)
-    together = pc.calibrate([edge, ball])
-    of_edge, of_ball = together.observed
-    corners = observe(edge).covariance
-    arcs = observe(ball).covariance
+    scans = [
+        scan_of(kind, measured="profiles", title=kind, **plan)
+        for kind in ("edge", "ball")
+    ]
+    together = pc.calibrate(scans)
+    corners, arcs = (observe(scan).covariance for scan in scans)
     unit = np.median(np.sqrt(np.trace(corners, axis1=1, axis2=2) / 2))
-    assert_allclose(of_edge.covariance[0], corners / unit**2)
-    assert_allclose(of_ball.covariance[0], arcs / unit**2)
+    for observed, covariance in zip(together.observed, (corners, arcs), strict=True):
+        assert_allclose(observed.covariance[0], covariance / unit**2)
     assert squared_error(together) < chi2.ppf(0.9999, 6)
     assert together.poses_used[0] == "edge: g1p1"
     kinds = [target["kind"] for target in together.to_json()["target"]]
@@ -110,17 +110,6 @@ def test_a_measurement_given_twice_is_refused():
     ):
         with pytest.raises(pc.ScanError, match=f"{which} {same}"):
             pc.calibrate(scans)
-
-
-def test_the_status_is_the_same_for_poses_of_the_flange_and_of_a_tool():
-    noise = {"profile_mm": 0.03, "position_mm": 0.1, "orientation_deg": 0.05}
-    plan = {"groups": 12, "positions": 1, "noise": noise, "scanner": SCANNER}
-    recorded, truth = pc.simulate("plane", seed=1031, **plan)
-    scan = replace(recorded, noise={})
-    at_sensor = scan.p_base_flange + scan.R_base_flange @ truth.pose[:3, 3]
-    of_flange = pc.calibrate(scan)
-    of_tool = pc.calibrate(replace(scan, p_base_flange=at_sensor))
-    assert (of_flange.status, of_tool.status) == ("weak", "weak")
 
 
 def test_few_poses_are_kept_where_robots_err_and_one_that_is_wrong_is_not():

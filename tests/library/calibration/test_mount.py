@@ -68,14 +68,12 @@ def test_a_right_guess_changes_nothing(seed):
 
 
 @pytest.mark.parametrize("kind", ["edge", "plane", "disk"])
-def test_what_the_scan_leaves_open_rests_on_the_guess_and_says_so(kind, tmp_path):
+def test_what_the_scan_leaves_open_rests_on_the_guess_and_says_so(kind):
     plan = {"groups": 6, "positions": 4, "spread_deg": 0.0}
     scan, truth = pc.simulate(kind, seed=2, **plan)
     assert not pc.calibrate(scan).is_known
     guess = near(truth.pose, 2, 0.5, 0.2)
-    pc.write_scan(replace(scan, guess=guess, guess_sd=(0.5, 0.2)), tmp_path / "scan")
-    read = pc.read_scan(tmp_path / "scan")
-    found = pc.calibrate(replace(read, truth=scan.truth))
+    found = pc.calibrate(replace(scan, guess=guess, guess_sd=(0.5, 0.2)))
     assert found.is_known
     assert "rests on the guess more than on the scan" in found.messages[0]
     assert squared_error(found) < 16.8  # χ² of 6, 1 %
@@ -92,15 +90,18 @@ def test_a_guess_counts_that_only_a_scan_of_two_poses_has():
     assert len(found.scans) == 1
 
 
-@pytest.mark.parametrize(
-    ("sd", "good"), [((np.inf, 8), " to 8°;"), ((15, np.inf), " to 15 mm;")]
-)
-def test_a_guess_of_which_only_a_part_is_said_counts_with_that(sd, good):
+PARTS = [
+    ((np.inf, 8), "z of the profiles were negated", "good to 8°;"),
+    ((15, np.inf), "the poses were of a tool whose frame is at about ", "to 15 mm;"),
+]
+
+
+@pytest.mark.parametrize(("sd", "words", "good"), PARTS)
+def test_a_guess_of_which_only_a_part_is_said_counts_with_that(sd, words, good):
     scan, truth = pc.simulate("edge", seed=3, groups=12, positions=3)
     guess = near(truth.pose, 3)
     assert pc.calibrate(scan, guess, sd).status == "ok"
-    wrong = of_a_tool(scan) if sd[0] == 15 else WRONG["z of the profiles were negated"]
-    found = pc.calibrate(wrong if sd[0] == 15 else wrong(scan), guess, sd)
+    found = pc.calibrate(WRONG[words](scan), guess, sd)
     assert found.status == "weak"
     assert good in found.messages[0]
 
@@ -111,11 +112,9 @@ def test_how_good_a_guess_is_counts_whoever_has_the_guess():
     roughly = replace(scan, guess=off, guess_sd=(50, 8))
     assert pc.calibrate(roughly).status == "ok"
     assert pc.calibrate(roughly, guess_sd=(0.5, 8)).status == "weak"
-    with pytest.raises(ValueError, match="but no guess is given"):
-        pc.calibrate(scan, guess_sd=(0.5, 8))
-
-
-def test_a_guess_without_a_standard_deviation_is_refused():
-    scan, truth = pc.simulate("edge", seed=1)
-    with pytest.raises(ValueError, match="expected mm and degrees above 0"):
-        pc.calibrate(scan, truth.pose, (0.0, 8.0))
+    for guess, sd, sentence in (
+        (None, (0.5, 8), "but no guess is given"),
+        (off, (0.0, 8.0), "expected mm and degrees above 0"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            pc.calibrate(scan, guess, sd)

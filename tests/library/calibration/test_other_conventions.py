@@ -7,7 +7,6 @@ from dataclasses import replace
 from itertools import cycle
 
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.random import default_rng
 from scipy.spatial.transform import Rotation
@@ -114,41 +113,27 @@ def test_it_comes_first_where_a_scan_of_several_is_named_and_nothing_is_applied(
     assert not any(message.startswith("edge: with") for message in found.messages)
 
 
-def turned_over():
-    """A scan of which some middle Euler angles are beyond 90°, and some rotation
-    vectors longer than π: rotations alone do not tell them.
-    """
-    scan = scan_of(**BALL)
-    over = Rotation.from_euler("xz", [180, 150], degrees=True).as_matrix()
-    rotations = over @ scan.R_base_flange
-    positions = scan.p_base_flange @ over.T
-    return replace(scan, R_base_flange=rotations, p_base_flange=positions)
-
-
 @pytest.mark.parametrize(
-    ("columns", "sequence", "unit", "words"),
+    ("name", "sequence", "unit", "words"),
     [
-        ("a b c", "ZYZ", np.degrees(1), "a, b, c read as Kawasaki angles o, a, t"),
-        ("rx ry rz", "xyz", 1, "rx, ry, rz read as FANUC angles w, p, r in radians"),
+        ("KUKA angles", "ZYZ", np.degrees(1), "a, b, c read as Kawasaki angles"),
+        ("rotation vector", "xyz", 1, "rx, ry, rz read as FANUC angles w, p, r in rad"),
     ],
 )
-def test_angles_and_vectors_count_as_they_were_printed(
-    columns, sequence, unit, words, tmp_path
-):
-    scan = turned_over()
-    angles = Rotation.from_matrix(scan.R_base_flange).as_euler(sequence)
-    beyond = (
-        angles[:, 1] > np.pi / 2
-        if sequence == "ZYZ"
-        else np.linalg.norm(angles, axis=1) > np.pi
+def test_angles_and_vectors_count_as_they_were_printed(name, sequence, unit, words):
+    """Middle angles beyond 90° and vectors longer than π."""
+    scan = scan_of(**BALL)
+    over = Rotation.from_euler("xz", [180, 150], degrees=True).as_matrix()
+    angles = Rotation.from_matrix(over @ scan.R_base_flange).as_euler(sequence)
+    length = np.linalg.norm(angles, axis=1)
+    assert ((angles[:, 1] > np.pi / 2) | (length > np.pi)).any()
+    read = replace(
+        scan,
+        R_base_flange=to_rotations(named(name), unit * angles),
+        p_base_flange=scan.p_base_flange @ over.T,
+        convention=name,
+        orientation=unit * angles,
     )
-    assert beyond.any()
-    pc.write_scan(scan, tmp_path / "scan")
-    path = tmp_path / "scan" / "poses.csv"
-    table = pd.read_csv(path).drop(columns=["qw", "qx", "qy", "qz"])
-    table[columns.split()] = unit * angles
-    table.to_csv(path, index=False)
-    read = pc.read_scan(tmp_path / "scan")
     assert words in better_readings(read, observe(read))[0]
 
 

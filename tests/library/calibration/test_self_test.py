@@ -9,6 +9,7 @@ from numpy.testing import assert_array_equal
 from simulated import calibration_of, scan_of
 
 import profilecal as pc
+from profilecal.calibration.plausibility import systematic_tests
 
 ERRING = {"profile_mm": 0.05, "position_mm": 0.05, "orientation_deg": 0.02}
 PLANS = {
@@ -29,6 +30,16 @@ def test_what_is_as_the_model_has_it_is_believed(kind, mount):
     assert test.as_expected
     assert len(test.squares) == 10
     assert "the stated uncertainty can be believed, but" in test.sentence
+
+
+@pytest.mark.parametrize("kind", ["edge", "ball"])
+def test_patterns_of_scans_as_the_model_has_them_are_standard_normal(kind):
+    squares = []
+    for seed in range(10):
+        found = calibration_of(kind, seed=seed, noise=ERRING, groups=8, positions=3)
+        tests = systematic_tests(found.solution)
+        squares.append(np.mean([one.clear**2 for one in tests]))
+    assert 0.6 < np.mean(squares) < 1.5  # of some eight independent ones in each
 
 
 def bent(scan):
@@ -58,14 +69,6 @@ def test_what_rests_on_a_guess_errs_as_the_guess_may():
     found = pc.calibrate(scan, truth.pose, (0.5, 0.2))
     squares = pc.self_test(found, 20).squares
     assert 3.5 < squares.mean() < 8.5  # of χ² with 6 degrees of freedom: 6 ± 0.8
-
-
-def test_lines_of_two_scans_are_judged_each_by_itself():
-    plan = PLANS["edge"] | {"seed": 3, "noise": ERRING}
-    one, two = (scan_of("edge", scan=number, **plan) for number in (1, 2))
-    test = pc.self_test(pc.calibrate([one, bent(two)]), 10)
-    bends = [words for words in test.chances if "the lines beside the edge" in words]
-    assert [words.split(": the")[0][-3:] for words in bends] == ["(1)", "(2)"]
 
 
 def test_a_self_test_is_the_same_again_and_refuses_too_few():

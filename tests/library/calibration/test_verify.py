@@ -104,11 +104,6 @@ def test_an_answer_knows_its_own_scan_again_and_old_files_are_read(tmp_path):
             for some in (rounded, few(rounded, [2, 9, 20])):
                 refused(own, one, some, asked=asked)
     entries = json.loads((tmp_path / "T.json").read_text())
-    made = entries.pop("made")
-    assert [*made] == ["version", "time", "scans"]
-    (tmp_path / "old.json").write_text(json.dumps(entries))
-    old = pc.read_answer(tmp_path / "old.json")
-    assert pc.check_mount(old, scan).as_expected
     entries |= {"covariance": None, "made": None}
     (tmp_path / "old.json").write_text(json.dumps(entries))
     assert pc.verify(found, pc.read_answer(tmp_path / "old.json")).chance > 0.9
@@ -123,13 +118,10 @@ def test_an_answer_knows_its_own_scan_again_and_old_files_are_read(tmp_path):
 def test_two_answers_are_compared_as_an_answer_and_a_scan(kind):
     found = calibration_of("edge", seed=0, **SMALL)
     other = untold(kind, seed=0, **OTHER)
-    by_scan, by_answer = pc.verify(found, other), pc.verify(found, pc.calibrate(other))
-    off = by_answer.difference_mm_deg - by_scan.difference_mm_deg
-    assert np.abs(off).max() < 1e-3
-    assert by_answer.as_expected
+    by_answer = pc.verify(found, pc.calibrate(other)).difference_mm_deg
+    assert_allclose(by_answer, pc.verify(found, other).difference_mm_deg, atol=1e-3)
     wrong = answer_of(found, mm=[0, 0, -1.5], deg=[0, 0.5, 0])
     of_wrong = pc.verify(wrong, pc.calibrate(other))
     assert not of_wrong.as_expected
-    moved = of_wrong.difference_mm_deg - by_answer.difference_mm_deg
+    moved = of_wrong.difference_mm_deg - by_answer
     assert_allclose(moved, [0, 0, 1.5, 0, -0.5, 0], atol=0.02)
-    assert len(repr(of_wrong).splitlines()) < 5

@@ -2,18 +2,16 @@
 
 import re
 from dataclasses import replace
-from itertools import pairwise
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from scipy.stats import binom
-from simulated import calibration_of, scan_of
+from simulated import scan_of
 
 from profilecal.calibration.calibrate import calibrate
 from profilecal.geometry.noise import Noise
 from profilecal.simulation.spec import Spec, simulate_scan
-from profilecal_pages.figures import use_style
 from profilecal_tool.report import calibration, pictures
 
 EDGE = Spec(
@@ -70,7 +68,7 @@ def test_several_scans_and_rejected_poses_are_named():
     first, below = re.findall(r"middle of what was seen is known to (\S+) mm", text)
     assert first == below
     rejected = f"Pose A <bar> & more: {edge.labels[10]}: "
-    assert re.search(rf"{rejected}\d+\.\d times the noise; chance explains up to", text)
+    assert re.search(rf"{rejected}\d+\.\d times the noise; chance explains \d", text)
     assert f"1 left out, no point: {edge.labels[20]}" in text
     assert "Ball: ball, radius 25 mm" in text
 
@@ -100,23 +98,6 @@ def test_every_profile_is_drawn(kind):
     assert "8 features found" in few[0].get_suptitle()
     assert "(one in 3 is drawn)" in few[0].get_suptitle()
     plt.close("all")
-
-
-def test_numbers_below_four_patterns_side_by_side_stay_apart():
-    found = calibration_of("plane", seed=3, groups=10, **FINE)
-    with plt.rc_context():
-        use_style()
-        figure, places = pictures.panels(1, 4, 1.4)
-        pictures.draw_patterns(places, found)
-        figure.canvas.draw()
-    low, high = places[0].get_xlim()
-    shown = [
-        one for one in places[0].get_xticklabels() if low < one.get_position()[0] < high
-    ]
-    of_x = [label.get_window_extent() for label in shown]
-    gaps = [right.x0 - left.x1 for left, right in pairwise(of_x)]
-    plt.close("all")
-    assert min(gaps) > 4  # pixels, half a digit
 
 
 def test_means_leave_the_band_of_chance_over_what_a_fault_depends_on():
