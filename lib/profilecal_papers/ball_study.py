@@ -59,8 +59,8 @@ class BallScans(Scans):
         """On which side of the scan plane the ball's centre lies, (n, arcs): +1 towards
         the sensor's +y, else -1.
         """
-        offset = self.ball.centre - self.origins(self.positions(arcs))
-        return np.sign(np.einsum("nka,na->nk", offset, self.rotation[..., 1]))
+        origins = self.origins(self.positions(arcs))
+        return self.ball.sides(self.rotation[:, None], origins)
 
     def x_seen(self, circle: ndarray) -> ndarray:
         """The scanner's x at which it sees the upper side of a circle x, z, r."""
@@ -185,15 +185,11 @@ def noisy_circles(
 
         w + 2 s z ε + s² ε².
 
-    So the means are polynomials in s: ⟨xx⟩ has no noise, and
+    So the means are polynomials in s, such as
 
-        ⟨xz⟩ = ⟨x z⟩ + s ⟨x ε⟩
-        ⟨zz⟩ = ⟨z z⟩ + s ⟨2 z ε⟩ + s² ⟨ε²⟩
-        ⟨wx⟩ = ⟨w x⟩ + s ⟨2 x z ε⟩ + s² ⟨x ε²⟩
-        ⟨wz⟩ = ⟨w z⟩ + s ⟨(w + 2 z²) ε⟩ + s² ⟨3 z ε²⟩ + s³ ⟨ε³⟩
-        ⟨ww⟩ = ⟨w w⟩ + s ⟨4 w z ε⟩ + s² ⟨(2 w + 4 z²) ε²⟩ + s³ ⟨4 z ε³⟩ + s⁴ ⟨ε⁴⟩.
+        ⟨wz⟩ = ⟨w z⟩ + s ⟨(w + 2 z²) ε⟩ + s² ⟨3 z ε²⟩ + s³ ⟨ε³⟩,
 
-    Their coefficients serve all sigma_mm. Last, the mean of the noise that ε lacks
+    whose coefficients serve all sigma_mm. Last, the mean of the noise that ε lacks
     shifts the circle along z.
     """
     cx, cz, r = circle
@@ -201,60 +197,26 @@ def noisy_circles(
     middle = np.array([x.mean(), z.mean(), 0.0])
     x = (x - middle[0]) / r
     z = (z - middle[1]) / r
-    w = x * x + z * z
-    one = np.ones_like(x)
-    exact = {
-        "xx": x * x,
-        "xz": x * z,
-        "zz": z * z,
-        "wx": w * x,
-        "wz": w * z,
-        "ww": w * w,
-    }
-    # of each power of ε
-    factors = {
-        1: {
-            "xz": x,
-            "zz": 2 * z,
-            "wx": 2 * x * z,
-            "wz": w + 2 * z * z,
-            "ww": 4 * w * z,
-        },
-        2: {"zz": one, "wx": x, "wz": 3 * z, "ww": 2 * w + 4 * z * z},
-        3: {"wz": one, "ww": 4 * z},
-        4: {"ww": one},
-    }
-    sums, mean_noise = noise_sums(factors, size, rng)
-    s = np.asarray(sigma_mm, dtype=float)[:, None] / r
-    mean: dict = dict.fromkeys(exact, 0.0)
-    for power in (4, 3, 2, 1):  # Horner's scheme
-        for name, total in zip(factors[power], sums[power], strict=True):
-            mean[name] = s * (total / len(x) + mean[name])
-    for name, product in exact.items():
-        mean[name] += np.mean(product)
-    circles = middle + r * circle_from_moments(mean)
-    circles[..., 1] += r * s * mean_noise
-    return circles
-
-
-def noise_sums(
-    factors: dict[int, dict], size: int, rng: Generator
-) -> tuple[dict[int, ndarray], ndarray]:
-    """Sums over the points of factors (points,) times powers of unit noise ε, whose
-    mean is taken out, and these means (size,).
-
-    The sums of each power, 1 to 4, are (factors, size). The only factor of ε⁴ is 1.
-    """
-    rows = {power: np.array([*by.values()]) for power, by in factors.items()}
-    sums = {power: np.empty((len(of), size)) for power, of in rows.items()}
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    # by powers of ε
+    X, Z, W = (x, zero, zero), (z, one, zero), (x * x + z * z, 2 * z, one)
+    pairs = (X, X), (X, Z), (Z, Z), (W, X), (W, Z), (W, W)
+    factors = np.zeros((5, 6, len(x)))
+    for k, (first, second) in enumerate(pairs):
+        for i, j in np.ndindex(3, 3):
+            factors[i + j, k] += first[i] * second[j]
+    means = np.empty((5, 6, size))
+    means[0] = factors[0].mean(axis=1, keepdims=True)
     mean_noise = np.empty(size)
-    no_noise = np.zeros(rows[1].shape[1])
-    for part, noise, square, cube in noisy_blocks(no_noise, 1.0, size, rng):
+    for part, noise, power, _ in noisy_blocks(zero, 1.0, size, rng):
         mean_noise[part] = noise.mean(axis=1)
         noise -= mean_noise[part, None]
-        np.multiply(noise, noise, out=square)
-        np.multiply(square, noise, out=cube)
-        for power, values in enumerate((noise, square, cube), 1):
-            np.matmul(rows[power], values.T, out=sums[power][:, part])
-        np.vecdot(square, square, out=sums[4][0, part])
-    return sums, mean_noise
+        power[:] = 1 / len(x)
+        for k in range(1, 5):
+            power *= noise
+            np.matmul(factors[k], power.T, out=means[k, :, part])
+    s = np.asarray(sigma_mm, dtype=float)[:, None] / r
+    of_all = np.einsum("kp,pft->fkt", s ** np.arange(5), means)
+    circles = middle + r * circle_from_moments(of_all)
+    circles[..., 1] += r * s * mean_noise
+    return circles

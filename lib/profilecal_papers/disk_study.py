@@ -2,8 +2,6 @@
 as many as wanted.
 """
 
-from collections import defaultdict
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +12,10 @@ from numpy.typing import ArrayLike
 from profilecal.closed_form.disk import chord_weights, sensing_data_from_ellipse
 from profilecal.geometry.checks import check_count
 from profilecal.geometry.fitting import (
+    MONOMIALS,
     Ellipse,
     ellipse_from_moments,
+    moments,
     transformed,
 )
 from profilecal.geometry.poses import rotation_from_xyz_angles
@@ -182,10 +182,10 @@ class Chords:
         to_sensor = frame * unit[:, None]
         return cls(in_units, centre, to_sensor, unit, chord_weights(m, heights))
 
-    def in_sensor(self, mean: dict, vectors: ndarray) -> tuple[Ellipse, ndarray]:
+    def in_sensor(self, mean: ndarray, vectors: ndarray) -> tuple[Ellipse, ndarray]:
         """Ellipses (n, size) and vectors (n, size, 2, 5), mm, sensor frame, as
-        `sensing_data_from_ellipse` takes them, from means {(a, b): (n, size)} of u^a
-        v^b and from `vectors` (n, 2, 5, size) in u and v.
+        `sensing_data_from_ellipse` takes them, from `moments` (6, 6, n, size) and
+        `vectors` (n, 2, 5, size) in u and v.
         """
         ellipse = transformed(
             ellipse_from_moments(mean), self.to_sensor[:, None], self.centre[:, None]
@@ -219,11 +219,10 @@ class Chords:
                 for a, power in enumerate((noisy, square, cube), 1):
                     np.matmul(V[: 5 - a], power.T, out=sums[a][:, i, part])
                 np.vecdot(square, square, out=sums[4][0, i, part])
-        mean = {
-            (a, b): total / count
-            for a, totals in enumerate(sums)
-            for b, total in enumerate(totals)
-        }
+        mean = np.empty((6, 6, n, size))
+        for i, j in np.ndindex(6, 6):
+            a, b = np.add(MONOMIALS[i], MONOMIALS[j])
+            mean[i, j] = sums[a][b] / count
         return self.in_sensor(mean, (self.tips @ self.weights)[..., None])
 
     def with_isotropic_noise(
@@ -231,34 +230,11 @@ class Chords:
     ) -> tuple[Ellipse, ndarray]:
         """As `with_chord_noise`, with noise in u and in v."""
         n = len(self.tips)
-        mean: dict = defaultdict(lambda: np.empty((n, size)))
+        mean = np.empty((6, 6, n, size))
         vectors = np.empty((n, 2, 5, size))
         for i, tips in enumerate(self.tips):
             sd = sigma_mm / self.unit[i][:, None]
-            for part, noisy, first, second in noisy_blocks(tips, sd, size, rng):
-                u, v = noisy[:, 0], noisy[:, 1]
-                memory = first[:, 0], first[:, 1], second[:, 0]
-                for power, values in moments(u, v, memory).items():
-                    mean[power][i, part] = values
+            for part, noisy, *_ in noisy_blocks(tips, sd, size, rng):
+                mean[:, :, i, part] = moments(noisy[:, 0], noisy[:, 1])
                 vectors[i, :, :, part] = np.moveaxis(noisy @ self.weights, 0, -1)
         return self.in_sensor(mean, vectors)
-
-
-def moments(u: ndarray, v: ndarray, work: Sequence[ndarray]) -> dict:
-    """Means over the last axis of u^a v^b for 1 ≤ a + b ≤ 4: {(a, b): (...)}.
-
-    `work`: memory for u², uv and v².
-    """
-    count = u.shape[-1]
-    uu = np.multiply(u, u, out=work[0])
-    uv = np.multiply(u, v, out=work[1])
-    vv = np.multiply(v, v, out=work[2])
-    low = {(1, 0): u, (0, 1): v, (2, 0): uu, (1, 1): uv, (0, 2): vv}
-    mean = {power: values @ np.full(count, 1 / count) for power, values in low.items()}
-    for order in (3, 4):
-        for b in range(order + 1):
-            a = order - b
-            square = (2, 0) if a >= 2 else (0, 2)
-            rest = a - square[0], b - square[1]
-            mean[a, b] = np.vecdot(low[square], low[rest]) / count
-    return mean

@@ -27,8 +27,8 @@ from profilecal_papers.edge_study import (
     ball_points,
     edge_scenes,
     line_distances,
-    longest,
     plan_ball,
+    principal,
 )
 from profilecal_papers.published import values
 
@@ -115,43 +115,27 @@ def calibrations(
     """From the first 10, 15, 20 and 25 rotations of S scenes, one for each entry of
     `about_mean`: principal components of vectors about their mean, or as they are.
     """
-    R_b, T_b, p_s = scene.poses.rotations, scene.poses.positions, scene.points
-    q = np.concatenate([p_s, T_b], axis=-1)
-    N = q.shape[2]
-    mean = q.mean(axis=2)
-    away = mean - q[:, :, 0]  # the mean of the vectors from the first point
-    offset = q - mean[:, :, None]
-    about = offset.mT @ offset
-    from_first = about + N * away[..., None] * away[..., None, :]
-
-    A_r, b_r = rotation_system(R_b, T_b, p_s)  # Eq. 24
+    p_s = scene.points
+    A_r, b_r = rotation_system(*scene.poses, p_s)  # Eq. 24
     rows = np.concatenate([A_r, b_r[..., None]], axis=-1)
-    rows = rows.reshape(*R_b.shape[:2], -1, 10)
+    rows = rows.reshape(*p_s.shape[:2], -1, 10)
     sums = np.cumsum(rows.mT @ rows, axis=1)  # normal equations of Eq. 26
     for count in ROTATIONS:
-        R = R_b[:, :count]
+        poses = scene.poses.first(count)
         AtA, Atb = np.split(sums[:, count - 1, :9], [9], axis=-1)
         R_s = nearest_rotation(unvec(np.linalg.solve(AtA, Atb)[..., 0]))  # Eqs 26, 27
-        one = np.broadcast_to(np.eye(3), R.shape)
-        to_base = np.concatenate(
-            [R @ R_s[:, None, :, ::2], one], axis=-1
-        )  # of (x, z, T)
-        points = q[:, :count] @ to_base.mT  # in the base frame, but for R_b T_s
-        middle = mean[:, :count, None] @ to_base.mT
-
-        vectors = to_base @ from_first[:, :count] @ to_base.mT  # products of Eq. 5's
-        total = N * (middle - points[:, :, :1]).sum(axis=1)
+        points = poses.carry(p_s[:, :count, :, None], R_s, np.zeros((len(R_s), 3)))
+        points = points[..., 0, :]  # in the base frame, but for R_b T_s
+        vectors = points - points[:, :, :1]  # Eq. 5, and a zero
+        all_vectors = vectors[:, :, 1:].reshape(len(R_s), -1, 3)
         found = []
         for reading in about_mean:
-            moments, in_group = vectors.sum(axis=1), vectors
-            if reading:
-                moments = moments - total.mT @ total / (count * (N - 1))
-                in_group = to_base @ about[:, :count] @ to_base.mT
-            u_b = longest(moments)
-            A_t, b_t = translation_system(R, middle, u_b)  # Eqs 31, 33
+            u_b = principal(all_vectors, reading)
+            A_t, b_t = translation_system(poses.rotations, points, u_b)  # Eqs 31, 33
             T_s = np.linalg.solve(A_t.mT @ A_t, A_t.mT @ b_t[..., None])  # Eq. 35
-            p_b = points + (R @ T_s[:, None]).mT
-            found.append(Calibration(R_s, T_s[..., 0], u_b, longest(in_group), p_b))
+            p_b = points + (poses.rotations @ T_s[:, None]).mT
+            in_group = principal(vectors, reading)
+            found.append(Calibration(R_s, T_s[..., 0], u_b, in_group, p_b))
         yield found
 
 

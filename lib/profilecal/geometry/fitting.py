@@ -70,14 +70,22 @@ def fit_ellipse(points: ndarray) -> Ellipse:
         height = np.sqrt(zz - xz * tilt)
         u = x / width[..., None]
         v = (z - tilt[..., None] * x) / height[..., None]
-        powers = [(a, b) for a in range(5) for b in range(5 - a)]
-        means = {(a, b): mean_product(u**a, v**b) for a, b in powers}
-        unit = ellipse_from_moments(means)
+        unit = ellipse_from_moments(moments(u, v))
     to_points = np.zeros((*mean.shape, 2))
     to_points[..., 0, 0] = width
     to_points[..., 1, 0] = tilt * width
     to_points[..., 1, 1] = height
     return transformed(unit, to_points, mean)
+
+
+# of x and z; their products have the moments of the fourth order and less
+MONOMIALS = (0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)
+
+
+def moments(x: ndarray, z: ndarray) -> ndarray:
+    """The means (6, 6, ...) of products of `MONOMIALS`, over x and z (..., k)."""
+    values = np.stack([np.ones_like(x), x, z, x * x, x * z, z * z], axis=-2)
+    return np.moveaxis(values @ values.mT, (-2, -1), (0, 1)) / x.shape[-1]
 
 
 def transformed(ellipse: Ellipse, map_: ndarray, shift: ndarray) -> Ellipse:
@@ -87,31 +95,22 @@ def transformed(ellipse: Ellipse, map_: ndarray, shift: ndarray) -> Ellipse:
     return Ellipse(centre, shape)
 
 
-def ellipse_from_moments(mean: dict) -> Ellipse:
-    """The ellipse-specific direct fit from the means of x^a z^b for a + b ≤ 4,
-    {(a, b): (...)}.
+def ellipse_from_moments(mean: ndarray) -> Ellipse:
+    """The ellipse-specific direct fit from `moments` (6, 6, ...).
 
     Minimises ⟨(A x² + B xz + C z² + D x + E z + F)²⟩ with 4AC - B² = 4. The linear
     coefficients follow from the quadratic ones; these are a multiple of A, C = 1 ± β
     and B = 2γ, for which the constraint holds 1 - β² - γ² fixed.
     """
-    linear = [(1, 0), (0, 1)]
-    quadratic = [(2, 0), (1, 1), (0, 2)]
-    mean = dict(zip(mean, np.broadcast_arrays(*mean.values()), strict=True))
-
-    def covariance(a: int, b: int, c: int, d: int) -> ndarray:
-        return mean[a + c, b + d] - mean[a, b] * mean[c, d]
-
-    def covariances(first: list, second: list) -> ndarray:
-        return np.array([[covariance(*p, *q) for q in second] for p in first])
-
-    (xx, xz), (_, zz) = covariances(linear, linear)
-    crossed = covariances(linear, quadratic)
+    first = mean[0, 1:]
+    covariance = mean[1:, 1:] - first[:, None] * first
+    (xx, xz), (_, zz) = covariance[:2, :2]
+    crossed = covariance[:2, 2:]
     inverse = np.array([[zz, -xz], [-xz, xx]]) / (xx * zz - xz * xz)
     # D and E take these multiples of -A, -B and -C
     slopes = np.einsum("ij...,jk...->ik...", inverse, crossed)
     explained = np.einsum("ij...,ik...->jk...", crossed, slopes)
-    unexplained = covariances(quadratic, quadratic) - explained
+    unexplained = covariance[2:, 2:] - explained
     # A, B and C by 1, β and γ
     basis = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 2.0], [1.0, -1.0, 0.0]])
     half = np.tensordot(basis.T, unexplained, 1)
@@ -125,8 +124,7 @@ def ellipse_from_moments(mean: dict) -> Ellipse:
     determinant = 4 * A * C - B * B
     x = (B * E - 2 * C * D) / determinant
     z = (B * D - 2 * A * E) / determinant
-    of_quadratic = A * mean[2, 0] + B * mean[1, 1] + C * mean[0, 2]
-    minus_F = of_quadratic + D * mean[1, 0] + E * mean[0, 1]
+    minus_F = np.einsum("i...,i...", np.array([D, E, A, B, C]), first)
     scale = 2 * (minus_F - (D * x + E * z) / 2) / determinant
     shape = from_components(2 * scale * C, -scale * B, -scale * B, 2 * scale * A)
     return Ellipse(from_components(x, z), shape.reshape(*shape.shape[:-1], 2, 2))
@@ -164,23 +162,23 @@ def fit_circle(points: ndarray) -> ndarray:
     small on noisy arcs. Points on one line or repeated give NaN.
     """
     mean, x, z = about_mean(points)
-    values = {"x": x, "z": z, "w": x * x + z * z}
-    pairs = "xx", "xz", "zz", "wx", "wz", "ww"
-    means = {pair: mean_product(*(values[name] for name in pair)) for pair in pairs}
+    w = x * x + z * z
+    pairs = (x, x), (x, z), (z, z), (w, x), (w, z), (w, w)
+    means = [mean_product(*pair) for pair in pairs]
     with np.errstate(divide="ignore", invalid="ignore"):
         circle = circle_from_moments(means)
     circle[..., :2] += mean
     return circle
 
 
-def circle_from_moments(mean: dict) -> ndarray:
+def circle_from_moments(means: Sequence[ndarray] | ndarray) -> ndarray:
     """As `fit_circle`, from the means of xx, xz, zz, wx, wz and ww about the centroid,
     where w = x² + z².
 
     The distance is (w - ⟨w⟩) + B x + C z, with 4⟨w⟩ + B² + C² fixed: all weights are 1
     once the first term is divided by 2√⟨w⟩.
     """
-    xx, xz, zz, wx, wz, ww = (mean[a] for a in ("xx", "xz", "zz", "wx", "wz", "ww"))
+    xx, xz, zz, wx, wz, ww = means
     w = xx + zz
     unit = 2 * np.sqrt(w)
     entries = (ww - w * w) / unit**2, wx / unit, wz / unit, xx, xz, zz

@@ -99,7 +99,7 @@ class Ball(Round):
         return centre + radius * np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
 
     def sides(self, rotation: ndarray, origin: ndarray) -> ndarray:
-        return np.sign(in_sensor(rotation, self.centre - origin)[:, 1])
+        return np.sign(in_sensor(rotation, self.centre - origin)[..., 1])
 
     def centre_from_circle(self, circle: ArrayLike, side: ArrayLike) -> ndarray:
         """The ball's centre in the sensor frame, (..., 3), from circles (..., 3) x, z,
