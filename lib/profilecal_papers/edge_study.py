@@ -24,6 +24,7 @@ from profilecal.simulation.robot import actual_poses
 from profilecal.targets.ball import Ball
 from profilecal.targets.edge import Edge
 from profilecal.targets.observations import Observations
+from profilecal.targets.target import ALONG_Y
 
 # mm, the middle of the 60 to 90 mm for which the paper's scanner does best
 STANDOFF = 75.0
@@ -83,27 +84,25 @@ def random_turns(
     return rotations(angle * axis)
 
 
-def frame_along(direction: ArrayLike, angle: ArrayLike) -> ndarray:
+def frame_along(direction: ndarray, angle: ArrayLike) -> ndarray:
     """Frames (..., 3, 3), in columns, whose second axis is `direction` (..., 3);
     `angle` (...) turns them about it.
     """
-    across, aside, y = np.moveaxis(frame_around(direction), -1, 0)
-    angle = np.asarray(angle)[..., None]
-    x = np.cos(angle) * across + np.sin(angle) * aside
-    return np.stack(np.broadcast_arrays(x, y, np.cross(x, y)), axis=-1)
+    turn = rotations(np.asarray(angle)[..., None] * direction)
+    return turn @ frame_around(direction) @ ALONG_Y.T
 
 
-def arc(count: int, radius: ArrayLike, span: ArrayLike, middle: ArrayLike) -> ndarray:
+def arc(
+    count: int, radius: float | ndarray, span: ArrayLike, middle: ndarray
+) -> ndarray:
     """Positions (..., count, 3), mm, on circular arcs in the plane z = 0, from their
     middles. Of each arc: the radius, mm, the angle that it spans and the angle at which
     its middle lies, rad, all (...).
     """
-    middle = np.asarray(middle)[..., None]
     way = np.asarray(span)[..., None] * np.linspace(-0.5, 0.5, count)
-    x = np.cos(middle + way) - np.cos(middle)
-    y = np.sin(middle + way) - np.sin(middle)
-    offsets = np.stack([x, y, np.zeros_like(x)], axis=-1)
-    return np.asarray(radius)[..., None, None] * offsets
+    # as complex numbers
+    place = (radius * np.exp(1j * middle))[..., None] * (np.exp(1j * way) - 1)
+    return np.stack([place.real, place.imag, np.zeros(place.shape)], axis=-1)
 
 
 def arc_planes(direction: ndarray, tilt: ArrayLike, azimuth: ArrayLike) -> ndarray:
@@ -111,12 +110,8 @@ def arc_planes(direction: ndarray, tilt: ArrayLike, azimuth: ArrayLike) -> ndarr
     angle `tilt` with the edge, along `direction` (..., 3). `azimuth` (...) turns the
     plane about it. x is nearest to the edge, y square to it.
     """
-    frame = frame_along(direction, azimuth)
-    across, along = frame[..., 0], frame[..., 1]
-    tilt = np.asarray(tilt)[..., None]
-    x = np.cos(tilt) * along - np.sin(tilt) * across
-    normal = np.sin(tilt) * along + np.cos(tilt) * across
-    return np.stack([x, np.cross(normal, x), normal], axis=-1)
+    tilted = rotations(np.asarray(tilt)[..., None] * np.eye(3)[2])
+    return (frame_along(direction, azimuth) @ tilted)[..., [1, 2, 0]]
 
 
 def above(

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 from profilecal.geometry.fitting import ROUNDS
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.observability import Spectrum, spectrum
-from profilecal.geometry.poses import cross
 from profilecal.joint.descent import reach, refine
 from profilecal.joint.problem import Problem
 from profilecal.targets.observations import Observations, State
@@ -234,9 +233,8 @@ def rotations_near(B: ndarray) -> ndarray:
 
     R = B
     for _ in range(ROUNDS):
-        cofactors = [cross(R[1], R[2]), cross(R[2], R[0]), cross(R[0], R[1])]
         first = halved(R)
-        second = halved(np.array(cofactors))
+        second = halved(np.cross(R[[1, 2, 0]], R[[2, 0, 1]], axis=1))  # of cofactors
         R = first + second
         if not (np.abs(first - second) > 1e-8).any():
             break

@@ -363,24 +363,21 @@ def sensing_data_from_ellipse(
     with np.errstate(divide="ignore", invalid="ignore"):
         eta = (z - z5) / (z4 - z5)  # Eq. 7
 
-    shape = (*z3.shape, 3)
-    end = np.moveaxis(np.broadcast_to(T_end, shape), -1, 0)
-    to_start = np.moveaxis(np.broadcast_to(T_start - T_end, shape), -1, 0)
-    T_3 = end + eta[2] * to_start  # Eq. 8
-    D_b = (eta[1] - eta[0]) * to_start  # Eq. 13
+    to_start = T_start - T_end
+    T_3 = T_end + eta[2][..., None] * to_start  # Eq. 8
+    D_b = (eta[1] - eta[0])[..., None] * to_start  # Eq. 13
     dx, dz = x[0] - x[1], z[0] - z[1]
-    cos_alpha = ((D_b**2).sum(axis=0) - dx**2 - dz**2 - 4 * radius**2) / (
-        4 * radius * dz
-    )
+    square = np.vecdot(D_b, D_b) - dx**2 - dz**2
+    cos_alpha = (square - 4 * radius**2) / (4 * radius * dz)
     inside = np.clip(cos_alpha, -1, 1)
     D_y = 2 * radius * s * np.sqrt(1 - inside**2)
     D_z = dz + 2 * radius * inside
     x_centre, z_centre = np.moveaxis(ellipse.centre, -1, 0)
     return SensingData(
-        T_tcp=np.moveaxis(T_3, 0, -1),
+        T_tcp=T_3,
         q=from_components(x_centre, np.zeros_like(z3), z_centre),
         D_i=from_components(cos * dx - sin * D_z, D_y, sin * dx + cos * D_z),
-        D_b=np.moveaxis(D_b, 0, -1),
+        D_b=D_b,
         direction=from_components(cos, sin),
         e=np.moveaxis(np.stack([x, z]), (0, 1), (-1, -2)),
         cos_alpha=cos_alpha,

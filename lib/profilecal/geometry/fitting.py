@@ -54,28 +54,14 @@ def fit_ellipse(points: ndarray) -> Ellipse:
     """The ellipse-specific direct fit to points (..., k, 2), k ≥ 5.
 
     It is that of Pilu, Fitzgibbon and Fisher (disk paper's ref. [21]). No affine map
-    changes the fit, so the points are first given unit covariance, by
-
-        x = width u,   z = tilt x + height v.
-
-    Points on one line or repeated give NaN.
+    changes the fit, so the points are first given zero mean and unit spread. Repeated
+    points give NaN.
     """
-    mean, x, z = about_mean(points)
-    xx = mean_product(x, x)
-    xz = mean_product(x, z)
-    zz = mean_product(z, z)
+    mean, spread = points.mean(axis=-2), points.std(axis=-2)
     with np.errstate(divide="ignore", invalid="ignore"):
-        tilt = xz / xx
-        width = np.sqrt(xx)
-        height = np.sqrt(zz - xz * tilt)
-        u = x / width[..., None]
-        v = (z - tilt[..., None] * x) / height[..., None]
-        unit = ellipse_from_moments(moments(u, v))
-    to_points = np.zeros((*mean.shape, 2))
-    to_points[..., 0, 0] = width
-    to_points[..., 1, 0] = tilt * width
-    to_points[..., 1, 1] = height
-    return transformed(unit, to_points, mean)
+        in_units = (points - mean[..., None, :]) / spread[..., None, :]
+        unit = ellipse_from_moments(moments(in_units[..., 0], in_units[..., 1]))
+    return transformed(unit, spread[..., None] * np.eye(2), mean)
 
 
 # of x and z; their products have the moments of the fourth order and less
