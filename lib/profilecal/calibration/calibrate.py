@@ -94,8 +94,7 @@ def calibrate(
     check_different(scans)
     scans, remarks = with_few_joined(scans)
     seen, observed, features_mm = observe_all(scans)
-    shared_mm = max(entry.shared_mm for entry in seen)
-    prior = replace(prior_from(stated, features_mm, shared_mm), mount=mount)
+    prior = replace(prior_from(stated, features_mm), mount=mount)
     remarks += by_scan(scans, [entry.remarks for entry in seen])
     questions = by_scan(scans, [doubts(scan) for scan in scans])
     try:

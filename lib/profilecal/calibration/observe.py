@@ -1,7 +1,7 @@
 """What a scan shows of its target, as the joint solution takes it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from textwrap import shorten
 
 import numpy as np
@@ -26,7 +26,6 @@ class Seen:
     points: ndarray  # (k, m, 2) what they saw, mm
     # of it by the profiles themselves, mm², as `Observations` has it
     covariance: ndarray | None = None
-    shared_mm: float = 0.0  # the part of its error that poses of one orientation share
     # why other poses did not see it, and what else there is to say
     remarks: tuple[str, ...] = ()
 
@@ -65,21 +64,12 @@ def from_profiles(scan: Scan) -> Seen:
     found = [feature for feature in features if feature.found]
     m = scan.target.points
     points, covariance = curve_points(found) if m is None else marked_points(found, m)
-    seen = Seen(
+    return Seen(
         poses=np.flatnonzero([feature.found for feature in features]),
         points=points,
         covariance=covariance,
         remarks=left_out(scan.labels, [feature.reason for feature in features]),
     )
-    for feature in found:
-        if feature.bias:
-            remark = (
-                f"{feature.bias}: {seen.typical_mm:.2g} mm for each are counted in; "
-                "corners and ends of flat faces are better"
-            )
-            remarks = (*seen.remarks, remark)
-            return replace(seen, shared_mm=seen.typical_mm, remarks=remarks)
-    return seen
 
 
 def curve_points(features: Sequence[Feature]) -> tuple[ndarray, ndarray]:

@@ -352,19 +352,15 @@ def as_stated(noise: Noise) -> Prior:
     return Prior(scales, frozenset(ESTIMATED), source, robot_known=True)
 
 
-def prior_from(
-    stated: dict[str, float], features_mm: float = 0.0, shared_mm: float = 0.0
-) -> Prior:
+def prior_from(stated: dict[str, float], features_mm: float = 0.0) -> Prior:
     """The prior where the robot's errors are to be estimated.
 
     What is `stated` of them, entries of `Noise` and `Systematic`, is the scale of what
     is believed, 0 that there is no such error; the rest is as usual. `features_mm`: the
-    noise that raw profiles themselves show, 0 where there are none; `shared_mm`: what
-    features of one orientation err together, which counts as the robot's.
+    noise that raw profiles themselves show, 0 where there are none.
     """
     names = (*ESTIMATED, "accuracy_deg")
     robot = {name: stated.get(name, getattr(USUAL, name)) for name in names}
-    robot["group_position_mm"] = float(np.hypot(robot["group_position_mm"], shared_mm))
     errors = {name: stated.get(name, usual) for name, usual in vars(TYPICAL).items()}
     given_mm = stated.get("profile_mm", 0.0)
     scales = Noise(

@@ -18,9 +18,8 @@ class Look(NamedTuple):
     """What the target's features in all profiles of a scan have in common."""
 
     shape: str
-    # that tells a feature from others of its shape: of z where a corner or a tip
-    # points, or a chord's steps lead; of x from a face's middle to its step end; 0:
-    # nothing does
+    # that tells a feature from others of its shape: of z where a corner points or a
+    # chord's steps lead; of x from a face's middle to its step end; 0: nothing does
     sign: int = 0
 
 

@@ -1,5 +1,5 @@
-"""Finder of a straight edge in raw profiles: a corner, the end of a face or a blade's
-tip. Where a profile shows several, what most profiles of a scan show tells which it is.
+"""Finder of a straight edge in raw profiles: a corner or the end of a face. Where a
+profile shows several, what most profiles of a scan show tells which it is.
 """
 
 from collections import Counter
@@ -10,51 +10,37 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.profiles.candidates import AMBIGUOUS, Candidate, Look, choose, ranked
-from profilecal.profiles.ends import BLUNT, ZONE, View, facing, run_end, step_beyond
-from profilecal.profiles.points import (
-    NOISE_LIMIT,
-    Feature,
-    Profiles,
-    nothing,
-    stretches,
-    tolerance,
-)
+from profilecal.profiles.ends import BLUNT, View, facing, run_end, step_beyond
+from profilecal.profiles.points import Feature, Profiles, nothing
 from profilecal.profiles.runs import Run, runs_in_each
 
-SHAPES = ("corner", "step end", "tip")  # in this order if many profiles show several
-BLADE = (
-    "edge points are tips of a blade, which the scanner sees beside the edge by an "
-    "amount that depends on the orientation"
-)
 LEAST_SIDE = 10  # points on either side of a corner
-# mm: from the ends of straight sides to their corner, and across a blade's tip, at most
-NEAR = 2.0
+NEAR = 2.0  # mm, from the ends of straight sides to their corner, at most
 
 
 def find_edges(profiles: Profiles) -> list[Feature]:
     """The edge in each profile (n, 2), mm.
 
-    It is, of what many profiles show, the first of: corners that point at the scanner,
-    ends of faces, tips, and corners that point away, where a wall meets a floor.
+    It is a corner that points at the scanner if many profiles show one, else the end of
+    a face. Corners that point away are no edges: there a wall meets a floor.
     """
     found = runs_in_each(profiles)
     view = View.from_runs(found)
-    candidates = [
-        [*corners(runs), *step_ends(runs, view), *blade_tips(profile, runs, view)]
-        for profile, runs in zip(profiles, found, strict=True)
-    ]
+    candidates = [[*corners(runs, view), *step_ends(runs, view)] for runs in found]
     shown_by = Counter(look for own in candidates for look in {c.look for c in own})
-    look = usual_look(candidates, shown_by, view.depth_sign)
+    look = usual_look(shown_by)
     other_end = Look(look.shape, -look.sign)
     if look.shape == "step end" and shown_by[other_end] > AMBIGUOUS * shown_by[look]:
-        side_face = look_of_side_faces(candidates, view.depth_sign)
-        if side_face is None:
+        # beside one of both ends a side face may show now and then
+        look = usual_look(
+            {one: n for one, n in shown_by.items() if one.shape == "corner" and n > 2}
+        )
+        if not look.shape:
             reason = (
                 "both ends of a face are seen, in this profile or others: "
                 "which is the edge? Show one of them only"
             )
             return [nothing(reason)] * len(profiles)
-        look = side_face
     alike = [ranked(c for c in own if c.look == look) for own in candidates]
     reasons = [""] * len(profiles)
     if look.shape == "corner":
@@ -63,51 +49,22 @@ def find_edges(profiles: Profiles) -> list[Feature]:
     return choose(profiles, alike, look.shape, reasons)
 
 
-def usual_look(
-    candidates: list[list[Candidate]], shown_by: Counter[Look], depth_sign: int
-) -> Look:
+def usual_look(shown_by: dict[Look, int]) -> Look:
     """The look of the edge, from how many profiles each look is `shown_by`.
 
     Of the looks that at least half as many profiles show as show the most frequent one,
-    it is the first in rank, then the most frequent, then the best supported, and where
-    all that ties the one of smaller sign, so that no order of a set decides.
+    it is a corner, if there is one, then the most frequent, and where both tie the one
+    of smaller sign, so that no order of a set decides.
     """
     most = max(shown_by.values(), default=0)
     often = [look for look, count in shown_by.items() if 2 * count >= most]
-
-    def order(look: Look) -> tuple[int, int, float, int]:
-        support = sum(c.support for own in candidates for c in own if c.look == look)
-        return rank(look, depth_sign), -shown_by[look], -support, look.sign
-
-    return min(often, key=order, default=Look(""))
+    order = [(look.shape, -shown_by[look], look.sign) for look in often]
+    return often[order.index(min(order))] if often else Look("")
 
 
-def rank(look: Look, depth_sign: int) -> int:
-    """The place of a look among those of edges; corners that point away come last."""
-    is_hollow = look.shape == "corner" and look.sign * depth_sign > 0
-    return len(SHAPES) if is_hollow else SHAPES.index(look.shape)
-
-
-def look_of_side_faces(
-    candidates: list[list[Candidate]], depth_sign: int
-) -> Look | None:
-    """Of corners that point at the scanner where a profile's longest face ends, the
-    most frequent look: a side face is seen there. None if fewer than three show it.
-    """
-    shown: Counter[Look] = Counter()
-    for own in candidates:
-        ends = [c for c in own if c.look.shape == "step end"]
-        longest = max((end.support for end in ends), default=0.0)
-        places = [end.feature.points for end in ends if end.support == longest]
-        for corner in own:
-            apart = [np.hypot(*(corner.feature.points - end)[0]) for end in places]
-            if rank(corner.look, depth_sign) == 0 and min(apart, default=NEAR) < NEAR:
-                shown[corner.look] += 1
-    return next((look for look, count in shown.most_common(1) if count >= 3), None)
-
-
-def corners(runs: list[Run]) -> Iterator[Candidate]:
-    """Where neighbouring straight runs meet: a ridge's apex, the corner of a bar.
+def corners(runs: list[Run], view: View) -> Iterator[Candidate]:
+    """Where neighbouring straight runs meet and point at the scanner: a ridge's apex,
+    the corner of a bar.
 
     The lines rest on points beyond the rounding of all corners; there is none where
     these are too few. Beside a shallow one the next face passes for a run's own.
@@ -127,12 +84,13 @@ def corners(runs: list[Run]) -> Iterator[Candidate]:
         if not before or not after or not is_bent(before, after):
             continue
         apex = crossing(before, after)
+        # from between the sides to the apex and on
+        sign = int(np.sign(before.direction[1] - after.direction[1]))
+        if sign * view.depth_sign > 0:
+            continue
         covariance = crossing_covariance(before, after, apex)
         used = np.concatenate([before.rows, after.rows])
         feature = Feature(apex[None], covariance[None], used, "corner")
-        # from between the sides to the apex and on
-        towards = before.direction - after.direction
-        sign = int(np.sign(towards[1]))
         bend = np.arccos(before.direction @ after.direction)
         support = min(before.length, after.length)
         yield Candidate(feature, sign, support, np.pi - bend)
@@ -234,57 +192,3 @@ def step_ends(runs: list[Run], view: View) -> Iterator[Candidate]:
             feature = Feature(place, covariance, run.rows, "step end")
             sign = int(np.sign(end.point[0] - run.point[0]))
             yield Candidate(feature, sign, run.length, ends=(end,))
-
-
-def blade_tips(profile: ndarray, runs: list[Run], view: View) -> Iterator[Candidate]:
-    """Narrow tips in front of a background or of nothing: a blade that points at the
-    scanner.
-    """
-    noise = tolerance(profile[:, 1]) / NOISE_LIMIT
-    free = np.ones(len(profile), dtype=bool)
-    for run in facing(runs):
-        free[run.rows] = False
-    for cluster in stretches(np.flatnonzero(free), 3):
-        for depth_sign in [view.depth_sign] if view.depth_sign else (1, -1):
-            depth = depth_sign * profile[:, 1]
-            top = top_of(depth, cluster)
-            if not is_blade(top, profile, depth, view):
-                continue
-            points = profile[top]
-            apex = points.mean(axis=0)
-            # the edge may be anywhere among them
-            edge = [apex[0], depth_sign * depth[top].min()]
-            spread = ((points - edge) ** 2).mean(axis=0)
-            variances = np.maximum(spread, noise**2)
-            covariance = np.diag(variances)[None]
-            feature = Feature(apex[None], covariance, top, "tip", bias=BLADE)
-            yield Candidate(feature, -depth_sign, 1.0)
-
-
-def top_of(depth: ndarray, cluster: ndarray) -> ndarray:
-    """The rows of a cluster's top BLUNT, from depths (n,), without spikes."""
-    front = np.sort(depth[cluster])
-    # three points close to each other: spikes may be in front of them
-    close = front[2:] < front[:-2] + BLUNT
-    if not close.any():
-        return cluster[:0]
-    nearest = front[close.argmax()]
-    is_top = (depth[cluster] >= nearest) & (depth[cluster] < nearest + BLUNT)
-    return cluster[is_top]
-
-
-def is_blade(top: ndarray, profile: ndarray, depth: ndarray, view: View) -> bool:
-    """Whether the rows of a top are narrow and what is seen beside them lies behind
-    them.
-    """
-    if not len(top) or np.ptp(profile[top, 0]) > NEAR:
-        return False
-    first, last = top[0], top[-1]
-    before, after = depth[max(first - ZONE, 0) : first], depth[last + 1 :][:ZONE]
-    behind = depth[top].min() + BLUNT
-    for end, beside in ((first, before), (last, after)):
-        if len(beside) < 3 and view.may_cut(profile[end]):
-            return False
-        if len(beside) and np.median(beside) < behind:
-            return False
-    return True

@@ -12,8 +12,8 @@ from scipy.spatial import ConvexHull, QhullError
 from profilecal.profiles.runs import LARGEST_GAP, Run
 
 CLEAR = 5.0  # mm from a border at which a run ends by itself
-# mm of a corner or a blade that rounding and the laser spot spoil; what is farther off
-# a line is a step
+# mm of a corner that rounding and the laser spot spoil; what is farther off a line is a
+# step
 BLUNT = 0.5
 ZONE = 12  # points at a step among which the scanner may see both of its sides
 ANYWHERE = np.array([[0.0, 0.0, 1.0]])  # a border that is near all points

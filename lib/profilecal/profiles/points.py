@@ -22,8 +22,6 @@ NOISE_LIMIT = 5.0
 LEAST_TOLERANCE = 0.1
 # mm; a profile that needs as much shows no surface
 LARGEST_TOLERANCE = 2.0
-# tolerances, rms, of two runs' points from one line: twice the noise
-FOLLOWS = 2 / NOISE_LIMIT
 
 
 def in_each(profiles: Profiles, found_in: Callable[[ndarray], Any]) -> list:
@@ -132,11 +130,9 @@ class Feature:
     points: ndarray
     covariance: ndarray  # (m, 2, 2) mm²
     used: ndarray  # (k,) rows of the profile that it rests on
-    shape: str = ""  # corner, step end, tip, chord, arc or line
+    shape: str = ""  # corner, step end, chord, arc or line
     reason: str = ""  # why nothing was found
     between: ndarray | None = None  # (2, 2) mm², of a disk's first tip with the second
-    # why it is off by about its standard deviation, alike in poses of one orientation
-    bias: str = ""
 
     @property
     def found(self) -> bool:

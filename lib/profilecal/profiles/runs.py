@@ -4,13 +4,11 @@ the profile leaves its line for good.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy import ndarray
 
 from profilecal.profiles.points import (
-    FOLLOWS,
     Profiles,
     in_each,
     stretches,
@@ -110,7 +108,7 @@ def straight_runs(profile: ndarray, uneven: float = 0.0) -> list[Run]:
     rows, limit = surface(profile)
     limit = max(limit, uneven)
     points = profile.take(rows, axis=0)
-    pieces = merge(split(points, limit), points, limit)
+    pieces = split(points, limit)
     runs = []
     for piece in pieces:
         run = run_through(profile, rows[piece], limit)
@@ -146,31 +144,11 @@ def split(points: ndarray, limit: float) -> list[ndarray]:
     return pieces
 
 
-def merge(pieces: list[ndarray], points: ndarray, limit: float) -> list[ndarray]:
-    """Neighbouring pieces of one line as one piece, the best match first."""
-
-    def mismatch(first: ndarray, second: ndarray) -> float:
-        both = np.concatenate([first, second])
-        square = Run.through(points, both, limit).off ** 2
-        k = len(first)
-        return np.sqrt(max(square[:k].mean(), square[k:].mean()))
-
-    mismatches = [mismatch(*pair) for pair in pairwise(pieces)]
-    while mismatches and min(mismatches) < FOLLOWS * limit:
-        k = int(np.argmin(mismatches))
-        pieces[k : k + 2] = [np.concatenate(pieces[k : k + 2])]
-        del mismatches[k]
-        for j in (k - 1, k):
-            if 0 <= j < len(mismatches):
-                mismatches[j] = mismatch(pieces[j], pieces[j + 1])
-    return pieces
-
-
 def run_through(profile: ndarray, rows: ndarray, limit: float) -> Run:
     """The run of a piece, rows (k,) of a profile, its line refitted to the points near
     it: those between the ends of the piece, and on from there.
     """
-    for _ in range(2):
+    for _ in range(6):
         off = Run.through(profile, rows, limit).coordinates(profile)[1]
         on_line = np.abs(off) <= limit
         near = on_line.copy()
@@ -180,6 +158,8 @@ def run_through(profile: ndarray, rows: ndarray, limit: float) -> Run:
         part = next(part for part in parts if part[-1] >= rows[-1])
         kept = part[on_line[part]]
         if len(kept) < 3:
+            break
+        if np.array_equal(kept, rows):
             break
         rows = kept
     run = Run.through(profile, rows, limit)

@@ -17,9 +17,9 @@ from profilecal.simulation.spec import Spec, simulate_scan, truth_of
         lambda x: 80 + 0.5 * x,
         lambda x: np.where(x > 19.8, 80.0, 100.0),
     ],
-    ids=["level", "slanted", "blade"],
+    ids=["level", "slanted", "cut off"],
 )
-def test_a_perfect_plane_has_no_edge_nor_has_a_blade_where_the_profile_ends(z):
+def test_a_perfect_plane_has_no_edge_nor_has_a_step_where_the_profile_ends(z):
     x = np.linspace(-20, 20, 980)
     (feature,) = features_of("edge", [np.stack([x, z(x)], axis=-1)])
     assert feature.reason
