@@ -14,6 +14,7 @@ import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike
 
+from profilecal.closed_form.two_step import solve_translation
 from profilecal.geometry.fitting import ROUNDS
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.observability import Spectrum, spectrum
@@ -171,30 +172,16 @@ def two_step_errors(
 
         B = Σ Y_i (R₀ X_i)ᵀ,
 
-    and is itself the error of the rotation. The fixed point, from pose i, is
-
-        p_i + R_tcp,i T_sensor,  p_i = R_tcp,i (turn R₀ q_i) + T_tcp,i.
-
-    It is the same from neighbouring poses: M T_sensor = N with the rows M_i = R_tcp,i -
-    R_tcp,i+1 and N_i = p_i+1 - p_i (Eqs 18, 19). M has no noise, so that one matrix M⁺
-    solves all trials. The point is the mean over the poses (Eq. 20).
+    and is itself the error of the rotation.
     """
     X = X / np.linalg.norm(X, axis=1, keepdims=True)
     Y = Y / np.linalg.norm(Y, axis=1, keepdims=True)
-    B = np.tensordot(Y, scans.R_sensor @ X, (0, 0))
-    turn = rotations_near(B)
-    in_flange = np.einsum("abk,nbk->nak", turn, scans.R_sensor @ q)
-    p = R_tcp @ in_flange + T_tcp
-    M = (R_tcp[:-1] - R_tcp[1:]).reshape(-1, 3)
-    N = (p[1:] - p[:-1]).reshape(-1, p.shape[-1])
-    T_sensor = np.linalg.pinv(M) @ N
-    point = p.mean(axis=0) + R_tcp.mean(axis=0) @ T_sensor
-    errors = (
-        point - centre[:, None],
-        rotation_vectors(turn),
-        T_sensor - scans.T_sensor[:, None],
-    )
-    return np.concatenate(errors)
+    turn = rotations_near(np.tensordot(Y, scans.R_sensor @ X, (0, 0)))
+    R_sensor = np.moveaxis(turn, -1, 0) @ scans.R_sensor
+    seen = (np.moveaxis(of, -1, 0) for of in (T_tcp, q))
+    found = solve_translation(R_tcp, *seen, R_sensor)
+    point, shift = found.q_b - centre, found.T_sensor - scans.T_sensor
+    return np.concatenate([point.T, rotation_vectors(turn), shift.T])
 
 
 def rotation_vectors(R: ndarray) -> ndarray:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -30,27 +31,41 @@ def least_change(
 
         minimise s, where s - x ≥ 0, s + x ≥ 0, 0.99 - v(x) ≥ 0 and 0.99 + v(x) ≥ 0.
 
-    It is a problem in y = (x, s). Sequential quadratic programming (Kraft 1988) solves
-    it from near x = 0.
+    It is a problem in y = (x, s). The derivatives of the four constraints are
+
+        by x: -I, I, -J, J,  by s: 1, 1, 0, 0,  with J = ∂v/∂x
+
+    from central differences. Sequential quadratic programming (Kraft 1988) solves it
+    from near x = 0.
     """
+    step = 1e-4  # of the differences that stand for derivatives
     # of the way from the middle of an interval to its ends: room for what is not linear
     inside = 0.99
     middle, half = (low + high) / 2, (high - low) / 2
+    one = np.eye(size)
 
     def v(x: ndarray) -> ndarray:
         return (compute(x) - middle) / half
 
-    def room(y: ndarray) -> ndarray:
+    def room(y: ndarray) -> Any:
         x, s = y[:-1], y[-1]
         return np.concatenate([s - x, s + x, inside - v(x), inside + v(x)])
+
+    def slopes_of_room(y: ndarray) -> Any:
+        forth, back = np.split(v(y[:-1] + step * np.vstack([one, -one])), 2)
+        J = (forth - back).T / (2 * step)
+        by_x = np.vstack([-one, one, -J, J])
+        by_s = np.repeat([1, 0], [2 * size, 2 * len(J)])
+        return np.column_stack([by_x, by_s])
 
     # at 0 several values may tie, and have no slope
     start = np.append(np.linspace(-0.01, 0.01, size), 0)
     y = minimize(
         lambda y: y[-1],
         start,
+        jac=lambda _: np.append(np.zeros(size), 1.0),
         method="SLSQP",
-        constraints={"type": "ineq", "fun": room},
+        constraints={"type": "ineq", "fun": room, "jac": slopes_of_room},
     ).x
     x = y[:-1]
     return x, np.abs(x).max() if np.abs(v(x)).max() <= 1 else np.inf

@@ -13,7 +13,7 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.checks import UnobservableError, check_count
-from profilecal.geometry.poses import homogeneous, nearest_rotation
+from profilecal.geometry.poses import carry, homogeneous, nearest_rotation
 
 # directions or orientations that differ by less are taken for one
 LEAST_SPREAD_DEG = 1.0
@@ -96,13 +96,13 @@ def solve_translation(
     by an orthogonal factorisation, not by the normal equations, which square the
     condition number.
     """
-    turned = np.einsum("...nab,...bc,...nc->...na", R_tcp, R_sensor, q) + T_tcp
+    turned = carry(R_tcp, T_tcp, q @ R_sensor.mT)
     R_differences = R_tcp[..., :-1, :, :] - R_tcp[..., 1:, :, :]
     differences = turned[..., 1:, :] - turned[..., :-1, :]
     M = R_differences.reshape(*R_differences.shape[:-3], -1, 3)
     N = differences.reshape(*differences.shape[:-2], -1)
     T_sensor = (np.linalg.pinv(M) @ N[..., None])[..., 0]
-    q_b_i = turned + np.einsum("...nab,...b->...na", R_tcp, T_sensor)
+    q_b_i = carry(R_tcp, turned, T_sensor[..., None, :])
     q_b = q_b_i.mean(axis=-2)
     accuracy = np.linalg.norm(q_b_i - q_b[..., None, :], axis=-1).max(axis=-1)
     return TranslationSolution(T_sensor, q_b_i, q_b, accuracy)
