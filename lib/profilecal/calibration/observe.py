@@ -26,7 +26,7 @@ class Seen:
     points: ndarray  # (k, m, 2) what they saw, mm
     # of it by the profiles themselves, mm², as `Observations` has it
     covariance: ndarray | None = None
-    # why other poses did not see it, and what else there is to say
+    # why other poses did not see it
     remarks: tuple[str, ...] = ()
 
     @property
