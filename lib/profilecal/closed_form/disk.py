@@ -196,7 +196,8 @@ def scans_of(
         start, end = T[..., 0, :], T[..., -1, :]
         s = np.sign(np.vecdot(end - start, y[..., k, :]))
         own = tips[..., rows, :, :]
-        scan = sensing_data(own, start, end, s, radius, heights, steps_along(T))
+        along = np.vecdot(T - start[..., None, :], (end - start)[..., None, :])
+        scan = sensing_data(own, start, end, s, radius, heights, along)
         scans.append(scan)
     return scans
 
@@ -206,13 +207,6 @@ def solve_scans(R_tcp: ndarray, scans: list[SensingData]) -> TwoStepSolution:
     names = "T_tcp", "q", "D_i", "D_b"
     fields = ([getattr(scan, name) for scan in scans] for name in names)
     return disk_equations(R_tcp, *(np.stack(field, axis=-2) for field in fields))
-
-
-def steps_along(T: ndarray) -> ndarray:
-    """How far the positions (..., m, 3) of a motion are along it, (..., m), 0 to 1."""
-    offsets = T - T[..., :1, :]
-    way = offsets[..., -1:, :]
-    return np.vecdot(offsets, way) / np.vecdot(way, way)
 
 
 def check_motions(T_tcp: ndarray, motions: list[ndarray], names: list[str]) -> None:
@@ -372,10 +366,9 @@ def sensing_data_from_ellipse(
     inside = np.clip(cos_alpha, -1, 1)
     D_y = 2 * radius * s * np.sqrt(1 - inside**2)
     D_z = dz + 2 * radius * inside
-    x_centre, z_centre = np.moveaxis(ellipse.centre, -1, 0)
     return SensingData(
         T_tcp=T_3,
-        q=from_components(x_centre, np.zeros_like(z3), z_centre),
+        q=np.insert(ellipse.centre, 1, 0, axis=-1),
         D_i=from_components(cos * dx - sin * D_z, D_y, sin * dx + cos * D_z),
         D_b=D_b,
         direction=from_components(cos, sin),

@@ -27,18 +27,6 @@ def from_components(*components: ndarray) -> ndarray:
     return np.moveaxis(np.stack(components), 0, -1)
 
 
-def about_mean(points: ndarray) -> tuple[ndarray, ndarray, ndarray]:
-    """The mean (..., 2) of points (..., k, 2), and their x and z (..., k) from it."""
-    mean = points.mean(axis=-2)
-    x, z = np.moveaxis(points - mean[..., None, :], -1, 0)
-    return mean, x, z
-
-
-def mean_product(a: ndarray, b: ndarray) -> ndarray:
-    """The mean (...) of the product of values (..., k)."""
-    return np.einsum("...i,...i->...", a, b) / a.shape[-1]
-
-
 @dataclass(frozen=True)
 class Ellipse:
     """The points p with (p - centre)ᵀ shape⁻¹ (p - centre) = 1.
@@ -147,10 +135,11 @@ def fit_circle(points: ndarray) -> ndarray:
     It minimises ⟨d²⟩/⟨|∇d|²⟩ of the algebraic distance d; ⟨d²⟩ alone makes circles too
     small on noisy arcs. Points on one line or repeated give NaN.
     """
-    mean, x, z = about_mean(points)
+    mean = points.mean(axis=-2)
+    x, z = np.moveaxis(points - mean[..., None, :], -1, 0)
     w = x * x + z * z
     pairs = (x, x), (x, z), (z, z), (w, x), (w, z), (w, w)
-    means = [mean_product(*pair) for pair in pairs]
+    means = [np.vecdot(*pair) / x.shape[-1] for pair in pairs]
     with np.errstate(divide="ignore", invalid="ignore"):
         circle = circle_from_moments(means)
     circle[..., :2] += mean

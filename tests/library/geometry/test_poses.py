@@ -6,16 +6,6 @@ from scipy.spatial.transform import Rotation
 from profilecal.geometry import poses
 
 
-def test_angles_mean_rz_ry_rx():
-    rng = default_rng(1)
-    angles = rng.uniform([0, -1.5, -3], [2 * np.pi, 1.5, 3], (4, 50, 3))
-    x, y, z = (
-        poses.rotations(angles[..., [k]] * axis) for k, axis in enumerate(np.eye(3))
-    )
-    matrices = poses.rotation_from_xyz_angles(angles)
-    assert_allclose(matrices, z @ y @ x, atol=1e-15)
-
-
 def test_nearest_rotation_is_proper_and_nearer_than_any_other():
     rng = default_rng(3)
     matrices = rng.normal(size=(40, 3, 3))

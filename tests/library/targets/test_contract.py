@@ -13,13 +13,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.differentiate import jacobian
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import directions, homogeneous, in_base, rotations
+from profilecal.geometry.poses import homogeneous, in_base
 from profilecal.joint.prior import OF_SCANNER
 from profilecal.joint.problem import Problem
 from profilecal.simulation.scene import random_scene
 from profilecal.targets import TARGETS
-from profilecal.targets.ball import Ball
-from profilecal.targets.disk import Disk
 
 
 @pytest.mark.parametrize("in_space", [False, True])
@@ -125,29 +123,3 @@ IN_PROFILES = [kind for kind in KINDS if "profiles" in TARGETS[kind].tables]
 @pytest.mark.parametrize("kind", IN_PROFILES)
 def test_what_is_found_in_raw_profiles_is_as_exact_as_its_finder_states(kind):
     assert_features_are_as_exact_as_stated(kind)
-
-
-def random_planes():
-    """Scan planes (200, 3, 3), (200, 3) near the origin of the base frame."""
-    rng = default_rng(3)
-    rotation = rotations(rng.normal(size=(200, 3)))
-    return rotation, rng.uniform(-20, 20, (200, 3))
-
-
-def test_a_disk_has_a_chord_where_it_is_met():
-    rotation, origin = random_planes()
-    normal = directions(default_rng(4), ())
-    tips = Disk(np.zeros(3), normal, 25.0).meet(rotation, origin)
-    hit = np.isfinite(tips).all(axis=(1, 2))
-    assert 100 < hit.sum() < 200
-    first_x, second_x = tips[hit, :, 0].T
-    assert (first_x <= second_x).all()
-
-
-def test_a_circle_gives_the_ball_back_on_its_side():
-    rotation, origin = random_planes()
-    ball = Ball(np.array([5.0, 0.0, -4.0]), 40.0)
-    circles, sides = ball.meet(rotation, origin), ball.sides(rotation, origin)
-    centres = ball.centre_from_circle(circles, sides)
-    true = ((ball.centre - origin)[:, None] @ rotation)[:, 0]
-    assert_allclose(centres, true, atol=1e-11)
