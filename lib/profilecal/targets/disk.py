@@ -142,20 +142,12 @@ class Disk(Target):
         """The chords that scan planes cut from the disk, (..., 2, 2): two tips, the one
         of smaller x first, each as x and z in the sensor frame; NaN where the disk is
         missed.
-
-        As in `residual`, with gN and gA in place of N and A.
         """
-        centre = in_sensor(rotation, self.centre - origin)
-        normal = self.normal @ rotation
-        c, cy = centre[..., ::2], centre[..., 1:2]
-        gN, ny = normal[..., ::2], normal[..., 1:2]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            square = np.sum(gN**2, axis=-1, keepdims=True)  # g²
-            middle = c + cy * ny / square * gN
-            # towards larger x
-            gA = gN[..., ::-1] * np.where(gN[..., 1:] < 0, [-1, 1], [1, -1])
-            half = np.sqrt((self.radius**2 - cy**2 / square) / square) * gA
-            return np.stack([middle - half, middle + half], axis=-2)
+        cy = in_sensor(rotation, self.centre - origin)[..., 1]
+        g = np.hypot(*np.moveaxis(self.normal @ rotation, -1, 0)[::2])
+        missed = np.abs(cy) > self.radius * g
+        tips = super().meet(rotation, origin)
+        return np.where(missed[..., None, None], np.nan, tips)
 
     def outline(
         self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray

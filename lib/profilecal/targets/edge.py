@@ -15,7 +15,6 @@ from profilecal.targets.target import (
     Linearised,
     Sight,
     Target,
-    in_sensor,
 )
 
 # 20 mm along a face that is inclined by 35°
@@ -112,16 +111,6 @@ class Edge(Target):
         # a tenth longer at both ends
         ends = np.array([1.1 * low - 0.1 * high, 1.1 * high - 0.1 * low])
         return [self.point + ends[:, None] * self.direction]
-
-    def meet(self, rotation: ndarray, origin: ndarray) -> ndarray:
-        """Where scan planes meet the line: x and z in the sensor frame, (..., 2);
-        infinite where they are parallel.
-        """
-        p = in_sensor(rotation, self.point - origin)
-        d = in_sensor(rotation, self.direction)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            along = -p[..., 1] / d[..., 1]
-        return (p + along[..., None] * d)[..., ::2]
 
     def outline(
         self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray

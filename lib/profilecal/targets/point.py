@@ -15,7 +15,6 @@ from profilecal.targets.target import (
     Sight,
     Target,
     Views,
-    in_sensor,
 )
 
 
@@ -67,12 +66,6 @@ class Point(Target):
     def lines(self, points: ndarray) -> list[ndarray]:
         """A cross."""
         return [self.point + 10 * np.outer([-1, 1], axis) for axis in np.eye(3)]
-
-    def meet(self, rotation: ndarray, origin: ndarray) -> ndarray:
-        """The point's x and z in the sensor frames, (..., 2), wherever the scan planes
-        pass it.
-        """
-        return in_sensor(rotation, self.point - origin)[..., ::2]
 
     @staticmethod
     def offsets(views: Views, rng: np.random.Generator) -> ndarray:

@@ -16,8 +16,8 @@ To add one:
 3. Write the methods that every target has: `residual`, `residual_in_space`, `fit` and
    `lines`; its own `distance` where `residual_in_space` has another.
 4. If it shows in raw profiles, write its `outline`, and its `finder`, which may be a
-   function of `profiles` or stand in the same file. If a folder may hold what was
-   measured of it instead, write `meet`; if not, `points_seen`.
+   function of `profiles` or stand in the same file. If it shows any number of points,
+   write `points_seen`, and `meet` if a folder may hold what was measured of it instead.
 5. Name it in `TARGETS` of `targets/__init__.py`, and where kinds are listed for people:
    `simulate`, `Scan.of`, data/README.md, the changelog; its class in `PUBLIC` of
    `profilecal/__init__.py`.
@@ -214,11 +214,22 @@ class Target:
         ]
 
     def meet(self, rotation: ndarray, origin: ndarray) -> ndarray:
-        """Where scan planes, sensor frames (..., 3, 3), (..., 3), meet it: (..., k), as
-        in its table of a folder. A target of which a folder holds profiles alone leaves
-        this out.
+        """Where scan planes, sensor frames (..., 3, 3), (..., 3), meet it: (..., 2) or,
+        where its `points` are several, (..., points, 2), x and z in the sensor frame.
+
+        That is minus the `residual` of points in the sensor's origin. A target with any
+        number of points has none, or what its table of a folder holds.
         """
-        raise NotImplementedError
+        place, axes = self.frame
+        vectors = (place - origin, *np.moveaxis(axes, -1, 0))
+        seen = np.broadcast_arrays(*(in_sensor(rotation, v) for v in vectors))
+        shape = seen[0].shape[:-1]
+        centre, *directions = (v.reshape(-1, 3).T for v in seen)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            sight = Sight(centre, directions, (0.0, 0.0), self.measures)
+            (x, z, *_), _, _ = self.residual(sight)
+        met = -np.stack([x, z]).T
+        return met.reshape(*shape, *met.shape[1:])
 
     def points_seen(self, rotation: ndarray, origin: ndarray, count: int) -> ndarray:
         """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees, (P, m, 2):
@@ -226,7 +237,7 @@ class Target:
         it.
         """
         met = self.meet(rotation, origin)
-        return met.reshape(len(origin), int(np.prod(met.shape[1:])) // 2, 2)
+        return met.reshape(len(origin), self.points, 2)
 
     def sides(self, rotation: ndarray, origin: ndarray) -> ndarray:
         """The `side` (P,) that a scan folder states for scan planes (P, 3, 3), (P, 3);

@@ -95,9 +95,6 @@ class Groove(Target):
     def lines(self, points):
         return [line for edge in self.edges() for line in edge.lines(points)]
 
-    def points_seen(self, rotation, origin, count):
-        return np.stack([edge.meet(rotation, origin) for edge in self.edges()], axis=-2)
-
     def outline(self, specimen, rotation, origin, away):
         """Between faces 300 mm wide."""
         x, _, z = self.axes.T
