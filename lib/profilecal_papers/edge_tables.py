@@ -1,9 +1,8 @@
 """The edge paper's Tables 1 to 3 from simulation: many specimens at once, each
 calibrated from its first 10, 15, 20 and 25 rotations.
 
-`columns` is the whole of it. The equations of the paper's Section 2 hold a group's
-sensed points p_s and positions T_b only through the mean and the second moments of the
-five numbers (x, z, T_b) of each; these are summed once, for all four calibrations.
+`columns` is the whole of it. Each group's part in the normal equations of the rotation
+is found once, for all four calibrations.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

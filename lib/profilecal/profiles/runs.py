@@ -1,6 +1,6 @@
-"""The straight runs of a raw profile, by split and merge: what faces and chords leave
-in what a scanner sends. A run survives gaps, spikes and missing points; it ends where
-the profile leaves its line for good.
+"""The straight runs of a raw profile, which is split into pieces that grow: what faces
+and chords leave in what a scanner sends. A run survives gaps, spikes and missing
+points; it ends where the profile leaves its line for good.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from profilecal.profiles.points import (
     variance_inflation,
 )
 
-LEAST_POINTS = 6  # of a piece that is worth merging
+LEAST_POINTS = 6  # of a piece that may grow
 LARGEST_GAP = 8  # steps from one point of a run to the next, at which it goes on
 
 
@@ -148,7 +148,7 @@ def run_through(profile: ndarray, rows: ndarray, limit: float) -> Run:
     """The run of a piece, rows (k,) of a profile, its line refitted to the points near
     it: those between the ends of the piece, and on from there.
     """
-    for _ in range(6):
+    for _ in range(6):  # two or three are usual
         off = Run.through(profile, rows, limit).coordinates(profile)[1]
         on_line = np.abs(off) <= limit
         near = on_line.copy()
@@ -157,9 +157,7 @@ def run_through(profile: ndarray, rows: ndarray, limit: float) -> Run:
         # the part that holds the piece
         part = next(part for part in parts if part[-1] >= rows[-1])
         kept = part[on_line[part]]
-        if len(kept) < 3:
-            break
-        if np.array_equal(kept, rows):
+        if len(kept) < 3 or np.array_equal(kept, rows):
             break
         rows = kept
     run = Run.through(profile, rows, limit)
