@@ -340,11 +340,11 @@ def simulate(spec, folder, scan):
     Its truth is in truth.toml.
     """
     from profilecal.scan.toml import read_toml
-    from profilecal_tool.plan.simulation import simulate_specification
+    from profilecal.simulation.spec import simulate_scan
     from profilecal_tool.plan.specification import read_specification
 
     entries = read_toml(spec) | ({"scan": scan} if scan else {})
-    pc.write_scan(simulate_specification(read_specification(entries, spec)), folder)
+    pc.write_scan(simulate_scan(read_specification(entries, spec)), folder)
     echo(f"{folder}/ written; its truth is in truth.toml")
     after = f"profilecal check-mount {folder} --with T.json, or verify"
     if not scan:
@@ -388,7 +388,7 @@ def plan(spec, folder, poses, until, within, given):
     """
     from profilecal.scan.tables import new_folder
     from profilecal_tool.plan import words
-    from profilecal_tool.plan.task import WayBack, read_task
+    from profilecal_tool.plan.task import read_task
 
     if given and (folder or poses or until):
         raise ValueError(
@@ -398,11 +398,7 @@ def plan(spec, folder, poses, until, within, given):
     written = new_folder(folder) if folder else nullcontext()
     with working("planning"), written as partial:
         task = read_task(spec, poses, until, within)
-        if isinstance(task, WayBack):
-            if partial:
-                task.write(partial)
-            lines = words.way_back_lines(len(task.poses[0]) // 2, spec, folder)
-        elif given:
+        if given:
             prediction, unseen = task.prediction_of(given)
             lines = words.prediction_lines(prediction, task.model, unseen=unseen)
             lines += [words.DOUBT] * task.doubted

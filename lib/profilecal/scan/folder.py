@@ -270,38 +270,28 @@ def read_measurements(
         raise ScanError(f"{folder}: expected one of {names}; found {found}")
     (path,) = paths
     columns = MEASURED[path.stem]
-    of_poses = zip(at_rest["labels"], at_rest.get("times", ()), strict=True)
-    # of each label its number, sweep and time; beside a log, poses at rest have none
-    seen = {
-        label: (k, "", np.nan if moving else t) for k, (label, t) in enumerate(of_poses)
-    }
-    keys = ["pose"] * bool(seen or not moving) + ["sweep", "t"] * moving
+    keys = ["pose"] * bool(at_rest["labels"] or not moving) + ["sweep", "t"] * moving
+    number = {label: k for k, label in enumerate(at_rest["labels"])}
+    moment = dict.fromkeys(number, ("", np.nan))
     parts = []
     for table in read_parts(path, (*keys, *columns)):
-        if moving:
-            labels, others = moments(table)
-            for label, moment in others.items():
-                seen.setdefault(label, (len(seen), *moment))
-        else:
-            labels = table.labels()
-        pose = np.array([seen.get(label, (-1,))[0] for label in labels])
+        labels, in_motion = moments(table) if moving else (table.labels(), {})
+        for label in in_motion:
+            number.setdefault(label, len(number))
+        moment |= in_motion
+        pose = np.array([number.get(label, -1) for label in labels])
         table.refuse(pose < 0, "pose {} is not in poses", labels)
-        if not moving and "t" in table.columns:
-            of_rows = zip(labels, pose, table.times(), strict=True)
-            seen |= {label: (k, "", t) for label, k, t in of_rows}
         numbers = table.numbers(columns, blank=True, largest=FARTHEST_MM / scale)
         parts.append((pose, numbers * scale))
     pose, numbers = map(np.concatenate, zip(*parts, strict=True))
     # the rows of each pose together, in the order of the file
     rows = numbers[np.argsort(pose, kind="stable")]
-    ends = np.cumsum(np.bincount(pose, minlength=len(seen)))
-    _, sweeps, times = zip(*seen.values(), strict=True)
-    return {
-        "measured": path.stem,
-        "values": tuple(np.split(rows, ends[:-1])),
-        "times": np.array(times),
-        "sweeps": sweeps,
-    }
+    ends = np.cumsum(np.bincount(pose, minlength=len(number)))
+    seen = {"measured": path.stem, "values": tuple(np.split(rows, ends[:-1]))}
+    if not moving:
+        return seen
+    sweeps, times = zip(*moment.values(), strict=True)
+    return seen | {"sweeps": sweeps, "times": np.array(times)}
 
 
 def moments(table: Table) -> tuple[ndarray, dict[str, tuple[str, float]]]:
@@ -398,18 +388,18 @@ def tables_of(scan: Scan) -> dict[str, dict[str, Any]]:
     """The columns of a scan's tables, by their names."""
     still = ~scan.moving
     labels = np.where(still, scan.labels, "")
-    convention = named(scan.convention)
-    if scan.log and "t" in convention.columns:
-        convention = CONVENTIONS[0]  # the log's t is a time
+    convention, is_timed = named(scan.convention), np.isfinite(scan.times)
+    if is_timed.any() and "t" in convention.columns:
+        convention = CONVENTIONS[0]  # t is a time
     tables, keys = {}, {}
     if still.any():
         R, p = scan.R_base_flange[still], scan.p_base_flange[still]
         poses = poses_columns(labels[still], R, p, convention.name)
-        if scan.orientation is not None:  # as read: another convention may be meant
+        if scan.orientation is not None and convention.name == scan.convention:
+            # as read: another convention may be meant
             poses |= zip(convention.columns, scan.orientation.T, strict=True)
-        if np.isfinite(scan.times[still]).any():
-            # beside an angle t, the measurements say when they were taken
-            (keys if "t" in poses else poses)["t"] = scan.times
+        if is_timed[still].any():
+            poses["t"] = scan.times
         if scan.group_given:
             poses["group"] = scan.group[still]
         if np.any(scan.side[still]):

@@ -59,15 +59,3 @@ def check_times(log: Log, times: ndarray, labels: Sequence[str]) -> None:
 def moment_label(sweep: str, t: float) -> str:
     """The name of a profile that was taken in motion."""
     return f"{sweep}@{float(t)!r}"
-
-
-def spread(values: Sequence | ndarray, rows: ndarray, count: int) -> ndarray:
-    """An array (count, ...) with values (K, ...) in K of its rows, or the values where
-    there are so many.
-    """
-    values = np.array(values)
-    if len(values) == count:
-        return values
-    every = np.zeros((count, *values.shape[1:]), values.dtype)
-    every[rows] = values
-    return every

@@ -28,7 +28,7 @@ from profilecal.geometry.poses import (
     rotation_groups,
 )
 from profilecal.scan.conventions import CONVENTIONS, named, to_rotations
-from profilecal.scan.motion import check_times, checked_log, moment_label, spread
+from profilecal.scan.motion import check_times, checked_log, moment_label
 from profilecal.scan.tables import ScanError, naming
 from profilecal.scan.toml import TEXT, Rule, check_entries, entries_of, number, one_of
 from profilecal.targets import TARGETS
@@ -79,9 +79,9 @@ class Scan:
     values: tuple[ndarray, ...]
     sizes: tuple[float, ...] = ()  # the target's lengths
     # (P,) +1, -1, or 0 where the program is to decide
-    side: ndarray = field(default_factory=lambda: np.array(0.0))
+    side: Any = 0
     # (P,) numbers from 0, one for each orientation; left out, found from R_base_flange
-    group: ndarray = field(default_factory=lambda: np.array([]))
+    group: Any = None
     group_given: bool = False  # whether somebody stated the groups
     # standard deviations that are known: entries of [noise] in scan.toml
     noise: Mapping[str, float] = field(default_factory=dict)
@@ -95,7 +95,7 @@ class Scan:
     # give R_base_flange and p_base_flange there
     log: Log | None = None
     # (P,) s by the scanner's clock, NaN at rest; without a log, when the poses were
-    times: ndarray = field(default_factory=lambda: np.array([]))
+    times: Any = None
     sweeps: tuple[str, ...] = ()  # (P,) names, "" at rest
     # the robot's clock less the scanner's, None where it is to be found
     delay_ms: float | None = None
@@ -220,23 +220,13 @@ class Scan:
         )
         printed = recorded = None
         with naming("Scan"):
-            values = rows_by_pose(measured, rows)
             T = rigid("T_base_flange", T_base_flange)
-            check_positions("T_base_flange", T[:, :3, 3])
             if orientations is not None:
                 printed = printed_as(convention, orientations, T)
             if log is not None:
-                t, way = log[0], rigid("log T", log[1])
-                recorded = checked_log(t, way[:, :3, :3], way[:, :3, 3])
-            clock = np.array([] if times is None else times, dtype=float)
-        in_motion = recorded is not None
-        at_rest = len(values) - np.isfinite(clock).sum() * in_motion
-        if len(T) != at_rest:
-            raise ScanError(
-                f"T_base_flange has shape {T.shape} for {at_rest} {measured}"
-                f"{' at rest' * in_motion}; "
-                f"expected a pose for each, ({at_rest}, 4, 4)"
-            )
+                way = rigid("log T", log[1])
+                recorded = checked_log(log[0], way[:, :3, :3], way[:, :3, 3])
+            values = rows_by_pose(measured, rows)
         numbered = range(1, len(T) + 1)
         return cls(
             kind=kind,
@@ -246,8 +236,8 @@ class Scan:
             measured=measured,
             values=values,
             sizes=tuple(float(lengths[name]) for name in known),
-            side=np.asarray(side),
-            group=np.array([] if group is None else group),
+            side=side,
+            group=group,
             group_given=group is not None,
             noise={} if noise is None else noise,
             mount=mount,
@@ -255,7 +245,7 @@ class Scan:
             convention=named(convention).name,
             orientation=printed,
             log=recorded,
-            times=clock,
+            times=times,
             sweeps=tuple(sweeps or ()),
             delay_ms=delay_ms,
         )
@@ -268,7 +258,7 @@ class Scan:
         if len(self.sizes) != count or not all(size > 0 for size in self.sizes):
             raise ScanError(f"sizes is {self.sizes}; expected {count} lengths in mm")
         with naming("Scan"):
-            self._complete()
+            vars(self).update(self._in_final_form())
             self._check_measured()
 
     def _check_measured(self) -> None:
@@ -293,95 +283,96 @@ class Scan:
                 f"expected 1 to {FARTHEST_MM:g} mm: are the units right?"
             )
         counts = np.array([*map(len, self.values)])
-        wrong, expected = counts > 1, "one"
+        wrong, usual = counts > 1, "one"
         if self.measured == "profiles":
             wrong = counts == 1
-            expected = "more, or none where nothing was seen (single ones are points)"
+            usual = "more, or none where nothing was seen (single ones are points)"
         if wrong.any():
             k = int(wrong.argmax())
             found = f"pose {self.labels[k]!r} has {counts[k]} rows of {self.measured}"
-            raise ValueError(f"{found}; expected {expected}")
+            raise ValueError(f"{found}; expected {usual}")
 
-    def _complete(self) -> None:
-        """Refuse poses that are none, and put all that is of poses in its final form.
+    def _in_final_form(self) -> dict[str, Any]:
+        """All that is of poses, an entry for each. Raises ValueError for what is none.
 
         In motion the log gives the poses, and sweeps the groups: orientations as they
         were read and whether groups were stated are dropped.
         """
         P = len(self.values)
-        times = self.times if np.size(self.times) else np.full(P, np.nan)
+        given = self.times is not None and np.size(self.times)
+        times = self.times if given else np.full(P, np.nan)
         times = check_array("times", times, (P,), finite=False)
-        poses: Any = self.labels, self.R_base_flange, self.p_base_flange, self.group
+        poses = self.labels, self.R_base_flange, self.p_base_flange, self.group
+        at_rest = np.count_nonzero(np.isnan(times)) if self.log else P
+        if len(poses[2]) not in (at_rest, P):
+            raise ScanError(
+                f"T_base_flange has {len(poses[2])} poses for {at_rest} {self.measured}"
+                f"{' at rest' * bool(self.log)}; expected one for each"
+            )
+        as_read = {"orientation": self.orientation, "group_given": self.group_given}
         if self.log:
-            self._fill(orientation=None, group_given=False)
-            poses = self._with_motion(self.log, times, *poses)
+            poses = self._with_motion(self.log, times)
+            as_read = {"orientation": None, "group_given": False}
         labels, R, p, group = poses
-        R = check_rotations("R_base_flange", R, P)
-        p = check_positions("p_base_flange", p, P)
+        R = check_rotations("T_base_flange", R, P)
+        p = check_positions("T_base_flange", p, P)
         if len(labels) != P:
             raise ValueError(f"labels has {len(labels)} entries for {P} poses")
         for label, count in Counter(labels).items():
             if count > 1:
                 found = f"labels has {label!r} {count} times"
                 raise ValueError(f"{found}; expected it once")
-        group = np.asarray(group)
-        if not group.size:
-            group = rotation_groups(R)
-        elif group.shape != (P,):
+        group = groups_of(group, R)
+        if group.shape != (P,):
             raise ValueError(f"group has shape {group.shape}; expected ({P},)")
-        if self.group_given:
+        if as_read["group_given"]:
             check_alike("R_base_flange", R, group)
         side = np.asarray(self.side)
         if side.shape not in ((), (P,)) or not np.isin(side, (-1, 0, 1)).all():
             raise ValueError(f"side is {self.side}; expected 1, -1 or 0, for each pose")
-        self._fill(
-            labels=tuple(labels),
-            R_base_flange=read_only(R),
-            p_base_flange=read_only(p),
-            values=tuple(map(read_only, self.values)),
-            group=np.unique(group, return_inverse=True)[1],
-            times=read_only(times),
-            sweeps=self.sweeps or ("",) * P,
-            side=np.broadcast_to(side, P).astype(float),
-            noise={name: float(value) for name, value in self.noise.items()},
-        )
+        return as_read | {
+            "labels": tuple(labels),
+            "R_base_flange": read_only(R),
+            "p_base_flange": read_only(p),
+            "values": tuple(map(read_only, self.values)),
+            "group": group,
+            "times": read_only(times),
+            "sweeps": self.sweeps or ("",) * P,
+            "side": np.broadcast_to(side, P).astype(float),
+            "noise": {name: float(value) for name, value in self.noise.items()},
+        }
 
-    def _with_motion(
-        self, log: Log, times: ndarray, labels: Any, R: Any, p: Any, group: Any
-    ) -> tuple[ndarray, ...]:
+    def _with_motion(self, log: Log, times: ndarray) -> tuple[Any, ...]:
         """Labels, poses and groups of all, those in motion by the log and by sweep.
 
         What is given is of those at rest; or of all, where `replace` makes a scan of
         one that is complete. Raises ValueError.
         """
-        P = len(times)
+        P, moving = len(times), np.isfinite(times)
         if len(self.sweeps) != P:
             raise ValueError(
                 f"{len(self.sweeps)} sweeps for {P} times; expected a time and the "
                 "name of a sweep for each profile"
             )
-        moving = np.isfinite(times)
-        rest = np.flatnonzero(~moving)
-        labels = spread(np.array(labels, dtype=object), rest, P)
-        R, p = spread(R, rest, P), spread(p, rest, P)
-        sweeps = np.array(self.sweeps)[moving]
-        labels[moving] = [*map(moment_label, sweeps, times[moving])]
-        check_times(log, times, labels)
-        later = times[moving] + (self.delay_ms or 0) / 1000
-        R[moving], p[moving], _ = log.at(later)
-        if np.size(group):
-            numbers = np.unique(group, return_inverse=True)[1]
-        else:
-            numbers = rotation_groups(R[rest])
-        group = spread(numbers, rest, P)
-        numbers = np.unique(sweeps, return_inverse=True)[1]
-        group[moving] = group[rest].max(initial=-1) + 1 + numbers
-        return labels, R, p, group
 
-    def _fill(self, **entries: Any) -> None:
-        """Put entries in their final form while the scan is being made."""
-        for name, value in entries.items():
-            object.__setattr__(self, name, value)
+        def of_all(of_rest: Any, of_moving: Any) -> ndarray:
+            """(P, ...) of what is given at rest, or of all, and in motion."""
+            some = np.asarray(of_rest)
+            every = np.empty((P, *some.shape[1:]), some.dtype)
+            every[~moving] = some[~moving] if len(some) == P else some
+            every[moving] = of_moving
+            return every
+
+        sweeps = np.array(self.sweeps)[moving]
+        names = [*map(moment_label, sweeps, times[moving])]
+        labels = of_all(np.array(self.labels, dtype=object), names)
+        check_times(log, times, labels)
+        R, p, _ = log.at(times[moving] + (self.delay_ms or 0) / 1000)
+        R = of_all(self.R_base_flange, R)
+        group = of_all(groups_of(self.group, R[~moving]), -1)
+        numbers = np.unique(sweeps, return_inverse=True)[1]
+        group[moving] = group.max(initial=-1) + 1 + numbers
+        return labels, R, of_all(self.p_base_flange, p), group
 
     def __repr__(self) -> str:
         parts = []
@@ -436,6 +427,13 @@ class Scan:
         """
         R, p = self.R_base_flange[poses], self.p_base_flange[poses]
         return inverse(R, p) if self.mount == "eye-to-hand" else (R, p)
+
+
+def groups_of(group: Any, R: ndarray) -> ndarray:
+    """Numbers from 0 of groups that are given, or else of those of orientations."""
+    if group is None or not np.size(group):
+        return rotation_groups(R)
+    return np.unique(group, return_inverse=True)[1]
 
 
 def read_only(values: ndarray) -> ndarray:

@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike
 from profilecal.geometry.progress import watched
 
 LARGEST_MB = 400  # of a text file: more a usual computer does not hold
-TEXTS = "pose", "sweep"  # columns of names
 Rows = list[tuple[int, list[str]]]  # each line's number and fields
 # cells of points that were not seen
 NOTHING = {"", ".", "na", "n/a", "#n/a", "null", "none"}
@@ -292,13 +291,12 @@ def parts_of_arrays(
     rows = min((column.size for column in columns.values()), default=0)
     check_columns(path, required, names, rows)
     for name, column in columns.items():
-        kinds, expected = ("Uiu", "text") if name in TEXTS else ("fiu", "numbers")
-        if column.shape != (rows,) or column.dtype.kind not in kinds:
-            found = f"{name} is {column.dtype} of shape {column.shape}"
-            raise ScanError(f"{path}: {found}; expected {expected}, ({rows},)")
+        if column.shape != (rows,):
+            found = f"{name} has shape {column.shape}"
+            raise ScanError(f"{path}: {found}; expected ({rows},)")
     for first in watched(range(0, rows, most), f"reading {path.name}"):
         chosen = slice(first, first + most)
-        part = {name: column[chosen].tolist() for name, column in columns.items()}
+        part = {name: column[chosen] for name, column in columns.items()}
         yield Table(path, part, range(1, rows + 1)[chosen], "row")
 
 
@@ -336,21 +334,16 @@ def write_table(path: Path, columns: Mapping[str, Sequence]) -> None:
     """Write a CSV file; numbers to twelve digits, times `t`, which may count from 1970,
     to all; NaN as an empty cell.
     """
-    arrays = {name: np.asarray(values) for name, values in columns.items()}
-    rows = max(map(len, arrays.values()), default=0)
+    cells = [cells_of(np.asarray(columns[name]), name == "t") for name in columns]
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        # the text of all would fill the memory, and hear no Ctrl-C
-        for first in range(0, rows, 1000):
-            part = slice(first, first + 1000)
-            cells = [cells_of(arrays[name][part], name == "t") for name in arrays]
-            writer.writerows(zip(*cells, strict=True))
+        writer.writerows(zip(*cells, strict=True))
 
 
-def cells_of(values: ndarray, exact: bool) -> list:
-    """A column as `write_table` writes it."""
+def cells_of(values: ndarray, exact: bool) -> Iterator:
+    """A column as `write_table` writes it, cell by cell: all would fill the memory."""
     if values.dtype.kind != "f":
-        return values.tolist()
+        return iter(values)
     written = repr if exact else "{:.12g}".format
-    return ["" if np.isnan(value) else written(value) for value in values.tolist()]
+    return (written(value).replace("nan", "") for value in values.tolist())

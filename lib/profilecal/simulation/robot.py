@@ -147,7 +147,6 @@ class Robot:
 
     joint_deg: Sd = 0.0  # of each joint's zero, for good
     link_mm: Sd = 0.0  # of the x, y and z of each link, for good
-    drift_mm: Sd = 0.0  # along each axis, from the first pose to the last
 
     def built(self, rotation: ndarray, position: ndarray, rng: Generator) -> Frames:
         """Where an arm built like this has its flange when it reports poses (P, 3, 3),
@@ -157,27 +156,6 @@ class Robot:
             return rotation, position
         arm = Arm.erring(self.joint_deg, self.link_mm, rng)
         return where_it_is(arm, rotation, position)
-
-    def visiting(
-        self,
-        rotation: ndarray,
-        position: ndarray,
-        noise: Noise,
-        rng: Generator,
-    ) -> Frames:
-        """Where the flange is when the robot goes through poses (P, 3, 3), (P, 3), mm,
-        once and in this order.
-        """
-        shape = position.shape
-        if self.drift_mm:
-            grown = np.linspace(0, self.drift_mm, len(position))
-            position = position + grown[:, None] * rng.normal(size=3)
-        if noise.repeatability_mm:
-            position = position + noise.repeatability_mm * rng.normal(size=shape)
-        if noise.repeatability_deg:
-            turn = np.radians(noise.repeatability_deg) * rng.normal(size=shape)
-            rotation = rotations(turn) @ rotation
-        return rotation, position
 
 
 @dataclass(frozen=True)

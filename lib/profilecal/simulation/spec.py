@@ -10,7 +10,7 @@ from numpy import ndarray
 from numpy.random import Generator
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import Frames, homogeneous, inverse
+from profilecal.geometry.poses import Frames, homogeneous, inverse, rotations
 from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.scan import MOUNTS, Scan, length_rules
 from profilecal.scan.tables import ScanError, naming
@@ -78,6 +78,22 @@ class Spec:
         """The target's lengths by name, mm."""
         target = TARGETS[self.kind]
         return dict(zip(target.lengths, target.sizes, strict=True)) | self.sizes
+
+    def scene(self, rng: Generator) -> Scene:
+        """The target, and poses that see it."""
+        return random_scene(
+            self.kind,
+            rng,
+            sizes=tuple(self.measures.values()),
+            groups=self.groups,
+            positions=self.positions,
+            spread_deg=self.spread_deg,
+            steering_mm=self.noise.steering_mm,
+        )
+
+    def sweeps(self, scene: Scene) -> Sequence[Sweep]:
+        """Those that are planned; none: random ones."""
+        return ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,33 +203,23 @@ def simulate_scan(spec: Spec) -> Scan:
     Raises ScanError where it shows nothing.
     """
     rng = np.random.default_rng(spec.seed)
-    scene = scene_of(spec, rng)
-    rng = errors_of(spec, rng)
-    if spec.motion:
-        return record_sweeps(scene, spec, rng)
-    return record(scene, taken(scene, spec, rng), spec, rng)
-
-
-def errors_of(spec: Spec, rng: Generator) -> Generator:
-    """Where the errors of a scan come from: after the first scan not from where its
-    scene came from.
-    """
-    if spec.scan == 1:
-        return rng
-    return np.random.default_rng(np.append(spec.seed, spec.scan))
-
-
-def scene_of(spec: Spec, rng: Generator) -> Scene:
-    """The target of a specification, and poses that see it."""
-    return random_scene(
-        spec.kind,
+    scene = spec.scene(rng)
+    if spec.scan > 1:  # its errors are others than those of the first
+        rng = np.random.default_rng(np.append(spec.seed, spec.scan))
+    if spec.motion is None:
+        return record(scene, taken(scene, spec, rng), spec, rng)
+    said, flange = drive(
+        scene,
+        spec.motion,
+        spec.noise,
         rng,
-        sizes=tuple(spec.measures.values()),
-        groups=spec.groups,
-        positions=spec.positions,
         spread_deg=spec.spread_deg,
-        steering_mm=spec.noise.steering_mm,
+        to_hand=spec.to_hand,
+        planned=spec.sweeps(scene),
     )
+    scan = scan_from(scene, flange, said, spec, rng)
+    scan.truth["delay_ms"] = spec.motion.delay_ms
+    return scan
 
 
 def taken(scene: Scene, spec: Spec, rng: Generator) -> Frames:
@@ -231,7 +237,12 @@ def record(scene: Scene, poses: Frames, spec: Spec, rng: Generator) -> Scan:
     3), mm. Raises ScanError where it shows nothing.
     """
     visit = np.repeat(np.arange(len(scene.labels)), spec.repeats)
-    R_actual, T_actual = spec.robot.visiting(*poses, spec.noise, rng)
+    (R_actual, T_actual), noise = poses, spec.noise
+    if noise.repeatability_mm:
+        T_actual = T_actual + noise.repeatability_mm * rng.normal(size=T_actual.shape)
+    if noise.repeatability_deg:
+        turn = np.radians(noise.repeatability_deg) * rng.normal(size=T_actual.shape)
+        R_actual = rotations(turn) @ R_actual
     R, T = scene.observations.R_flange[0], scene.observations.T_flange[0]
     if spec.to_hand:
         R, T = inverse(R, T)
@@ -245,27 +256,6 @@ def record(scene: Scene, poses: Frames, spec: Spec, rng: Generator) -> Scan:
     return scan_from(scene, (R_actual[visit], T_actual[visit]), said, spec, rng)
 
 
-def record_sweeps(
-    setup: Setup, spec: Spec, rng: Generator, planned: Sequence[Sweep] = ()
-) -> Scan:
-    """The scan of a target by a robot in motion, on the sweeps of the specification or
-    on those that are planned. Raises ScanError where it shows nothing.
-    """
-    motion = spec.motion or Motion()
-    said, flange = drive(
-        setup,
-        motion,
-        spec.noise,
-        rng,
-        spread_deg=spec.spread_deg,
-        to_hand=spec.to_hand,
-        planned=planned,
-    )
-    scan = scan_from(setup, flange, said, spec, rng)
-    scan.truth["delay_ms"] = motion.delay_ms
-    return scan
-
-
 def scan_from(
     setup: Setup, flange: Frames, said: dict[str, Any], spec: Spec, rng: Generator
 ) -> Scan:
@@ -277,7 +267,9 @@ def scan_from(
     planes = setup.planes(*(inverse(*flange) if spec.to_hand else flange))
     measured = spec.measured or setup.target.tables[-1]
     if measured == "profiles":
-        seen = raw_profiles(setup, planes, spec, rng)
+        specimen = spec.specimen or setup.target.specimens[0]
+        outlines = setup.target.outline(specimen, *planes, setup.facing[:, 2])
+        seen = [spec.scanner.profile(outline, rng) for outline in outlines]
     else:
         exact = setup.target.meet(*planes).reshape(len(planes[1]), 1, -1)
         seen = list(exact + spec.noise.profile_mm * rng.normal(size=exact.shape))
@@ -312,15 +304,3 @@ def scan_from(
         truth=truth,
         **said,
     )
-
-
-def raw_profiles(
-    setup: Setup,
-    planes: Frames,
-    spec: Spec,
-    rng: Generator,
-) -> list[ndarray]:
-    """Profiles (points, 2) in mm, one for each scan plane (P, 3, 3), (P, 3)."""
-    specimen = spec.specimen or setup.target.specimens[0]
-    outlines = setup.target.outline(specimen, *planes, setup.facing[:, 2])
-    return [spec.scanner.profile(outline, rng) for outline in outlines]

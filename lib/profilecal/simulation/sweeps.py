@@ -2,7 +2,7 @@
 a clock of its own.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -43,37 +43,16 @@ class Motion:
 
 @dataclass(frozen=True)
 class Sweep:
-    """One way across a target, at times from its middle. Poses are of the sensor."""
+    """One way across a target."""
 
-    middle: ndarray  # (3,) of the sensor's way, mm
-    facing: ndarray  # (3, 3) its axes there
-    along: ndarray  # (3,) the direction of motion
-    speed: float  # signed
-    half: float  # mm to either side
-    # (3,) the direction of the slow drift of a weave
-    aside: Sequence | ndarray = (0.0, 0.0, 0.0)
-    phase: float = 0.0  # of the weave and the turn, rad
-    turn: Sequence | ndarray = (0.0, 0.0, 0.0)  # (3,) rad
-    weaves: bool = False
+    seconds: float
+    # the sensor's frames (n, 3, 3), (n, 3) mm at times (n,) s from the middle
+    at: Callable[[ndarray], Frames]
 
     @property
-    def seconds(self) -> float:
-        """How long it takes."""
-        if self.weaves:  # one and a half times to and fro
-            return 3 * np.pi * self.half / abs(self.speed)
-        return 2 * self.half / abs(self.speed)
-
-    def at(self, t: ndarray) -> Frames:
-        """Sensor frames (n, 3, 3), (n, 3) at times (n,) s."""
-        share = (t / self.seconds)[:, None]
-        if self.weaves:
-            angle = self.speed / self.half * t + self.phase
-            way = self.half * np.sin(angle)[:, None] * self.along
-            way = way + 2 * DRIFTING_MM * share * self.aside
-        else:
-            way = self.speed * t[:, None] * self.along
-        turned = rotations(np.sin(2 * np.pi * share + self.phase) * self.turn)
-        return turned @ self.facing, self.middle + way
+    def backwards(self) -> "Sweep":
+        """The same way back."""
+        return Sweep(self.seconds, lambda t: self.at(-t))
 
     def behind(self, t: ndarray, lag_s: float) -> Frames:
         """The same of a controller that follows its log with a lag of the first order:
@@ -94,44 +73,72 @@ def half_way(setup: Setup) -> ndarray:
     return half * np.array(target.across) / np.linalg.norm(target.across)
 
 
-def sweeps_of(
+def random_sweep(
     setup: Setup, motion: Motion, spread_deg: float, rng: Generator
-) -> list[Sweep]:
-    """The sweeps of a motion, from an orientation each; both ways, two from each."""
+) -> Sweep:
+    """A sweep of a motion from any orientation and about the middle of the target."""
     across = half_way(setup)
     half = float(np.linalg.norm(across))
     across = across / half
-    middle, _ = setup.target.frame
-    both = motion.pattern == "both ways"
+    tilt = rotations(np.radians(spread_deg) * in_unit_ball(rng, 1)[0])
+    facing = tilt @ setup.facing
+    along, speed = facing @ across, motion.speed
+    if motion.pattern == "one way in the base":
+        along = setup.facing @ across
+    if motion.pattern == "random":
+        speed = speed * rng.uniform(0.5, 2) * rng.choice([-1, 1])
+        along = along + 0.5 * in_unit_ball(rng, 1)[0]
+        along = along / np.linalg.norm(along)
+    aim = setup.target.frame[0] + facing @ (10 * rng.uniform(-1, 1, 3) * [1, 0, 1])
+    middle = aim - STANDOFF * facing[:, 2]
+    phase = rng.uniform(0, 2 * np.pi)
+    turn = np.radians(motion.turn_deg) * in_unit_ball(rng, 1)[0]
+    weaves = motion.pattern == "weave"  # one and a half times to and fro
+    seconds = (3 * np.pi if weaves else 2) * half / abs(speed)
+
+    def at(t: ndarray) -> Frames:
+        share = (t / seconds)[:, None]
+        way = speed * t[:, None] * along
+        if weaves:
+            way = half * np.sin(speed / half * t + phase)[:, None] * along
+            way = way + 2 * DRIFTING_MM * share * (facing @ [0.3, 1.0, 0.2])
+        turned = rotations(np.sin(2 * np.pi * share + phase) * turn)
+        return turned @ facing, middle + way
+
+    return Sweep(seconds, at)
+
+
+def sweeps_of(
+    setup: Setup, motion: Motion, spread_deg: float, rng: Generator
+) -> list[Sweep]:
+    """The sweeps of a motion; both ways, two on each."""
+    if motion.pattern != "both ways":
+        every = range(motion.sweeps)
+        return [random_sweep(setup, motion, spread_deg, rng) for _ in every]
     sweeps: list[Sweep] = []
-    for k in range(motion.sweeps):
-        if both and k % 2:
-            sweeps.append(replace(sweeps[-1], speed=-motion.speed))
-            continue
-        tilt = rotations(np.radians(spread_deg) * in_unit_ball(rng, 1)[0])
-        facing = tilt @ setup.facing
-        along, speed = facing @ across, motion.speed
-        if motion.pattern == "one way in the base":
-            along = setup.facing @ across
-        if motion.pattern == "random":
-            speed = speed * rng.uniform(0.5, 2) * rng.choice([-1, 1])
-            along = along + 0.5 * in_unit_ball(rng, 1)[0]
-            along = along / np.linalg.norm(along)
-        aim = middle + facing @ (10 * rng.uniform(-1, 1, 3) * [1, 0, 1])
-        sweeps.append(
-            Sweep(
-                middle=aim - STANDOFF * facing[:, 2],
-                facing=facing,
-                along=along,
-                aside=facing @ [0.3, 1.0, 0.2],
-                speed=speed,
-                half=half,
-                phase=rng.uniform(0, 2 * np.pi),
-                turn=np.radians(motion.turn_deg) * in_unit_ball(rng, 1)[0],
-                weaves=motion.pattern == "weave",
-            )
-        )
-    return sweeps
+    while len(sweeps) < motion.sweeps:
+        there = random_sweep(setup, motion, spread_deg, rng)
+        sweeps += [there, there.backwards]
+    return sweeps[: motion.sweeps]
+
+
+def straight(setup: Setup, R: ndarray, T: ndarray, speed: float) -> list[Sweep]:
+    """Sweeps at a speed, mm/s, between flange poses (2 n, 3, 3), (2 n, 3), two of each,
+    of a sensor that is where `setup` has it.
+    """
+
+    def line(facing: ndarray, begin: ndarray, end: ndarray) -> Sweep:
+        seconds = float(np.linalg.norm(end - begin)) / speed
+
+        def at(t: ndarray) -> Frames:
+            share = 0.5 + t[:, None] / seconds
+            turned = np.broadcast_to(facing, (len(t), 3, 3))
+            return turned, begin + share * (end - begin)
+
+        return Sweep(seconds, at)
+
+    R_view, T_view = setup.planes(R, T)
+    return [*map(line, R_view[::2], T_view[::2], T_view[1::2])]
 
 
 def drive(

@@ -11,6 +11,5 @@ start, then exchanges, one pose at a time.
 In reading order: `specification` says what is guessed and asked for, `scan_model`
 predicts, `candidates` draws poses that are possible, `design` chooses among them,
 `sweeps` goes along lines through them; `knowledge` makes models of specifications and
-scans, `words` says what is predicted, and `task` is what a user asks for; `simulation`
-measures what was planned.
+scans, `words` says what is predicted, and `task` is what a user asks for.
 """

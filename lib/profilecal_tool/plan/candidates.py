@@ -15,12 +15,11 @@ from profilecal.geometry.poses import Frames, carry, inverse, rotations
 from profilecal.scan.scan import ScanError
 from profilecal.simulation.scene import in_unit_ball
 from profilecal_tool.plan.scan_model import ScanModel
+from profilecal_tool.plan.specification import LEAST
 
 # So much more than the limits is drawn and then cut off at the limits. A third of the
 # candidates is then at a limit, where good plans are.
 BEYOND = 0.5
-# candidates from which a plan can still choose
-LEAST = 100
 
 
 def draw(
@@ -31,43 +30,33 @@ def draw(
 ) -> Frames:
     """Draw possible flange poses (count, 3, 3), (count, 3) from all within the limits.
 
-    With `beyond`, more of them are at the limits. Where hardly any are possible, more
-    are drawn within a half and a quarter of the limits, and fewer than `count` may
-    come. Raises ScanError, with the reasons, for too few.
+    With `beyond`, more of them are at the limits. Where hardly any are possible, fewer
+    than `count` may come. Raises ScanError, with the reasons, for too few.
     """
     found = []
     reasons: Counter[str] = Counter()
-    for part in np.repeat([1, 1 / 2, 1 / 4], 40):  # so many attempts at each
-        R, T = random_poses(model, 2 * count, rng, beyond, part)
+    for _ in range(100):
+        R, T = random_poses(model, 2 * count, rng, beyond)
         refusals = refused(model, R, T)
         reasons.update(refusals)
         found.append((R[refusals == ""], T[refusals == ""]))
         if reasons[""] >= count:
             break
-    least = min(count, LEAST)
-    if reasons[""] < least:
-        raise ScanError(too_few(reasons, least))
+    total, possible, least = reasons.total(), reasons.pop("", 0), min(count, LEAST)
+    if possible < least:
+        words = [f"{some / total:.0%} {why}" for why, some in reasons.most_common()]
+        raise ScanError(
+            f"only {possible} of {total} poses within the limits are possible, "
+            f"{least} are needed: {'; '.join(words)}. "
+            "Widen [plan], narrow the margins of [guess], or move target or mount"
+        )
     R, T = map(np.concatenate, zip(*found, strict=True))
     return R[:count], T[:count]
 
 
-def too_few(reasons: Counter, least: int) -> str:
-    """Say why too few of the poses that were drawn are possible."""
-    total = reasons.total()
-    possible = reasons.pop("", 0)
-    shares = [f"{number / total:.0%} {why}" for why, number in reasons.most_common()]
-    return (
-        f"only {possible} of {total} poses within the limits are possible, "
-        f"{least} are needed: {'; '.join(shares)}. "
-        "Widen [plan], narrow the margins of [guess], or move target or mount"
-    )
-
-
-def random_poses(
-    model: ScanModel, count: int, rng: Generator, beyond: float, part: float
-) -> Frames:
+def random_poses(model: ScanModel, count: int, rng: Generator, beyond: float) -> Frames:
     """Draw flange poses (count, 3, 3), (count, 3) that look at the target, turned and
-    aside by no more than a part of the limits.
+    aside within the limits.
 
     Some of them may be impossible: see `refused`.
     """
@@ -80,12 +69,12 @@ def random_poses(
     limits = model.limits
     tilt = share(2)
     tilt = tilt / np.maximum(np.linalg.norm(tilt, axis=1, keepdims=True), 1)
-    tilt = np.radians(part * limits.tilt_deg) * tilt
-    spin = np.radians(part * limits.spin_deg) * share(1)
+    tilt = np.radians(limits.tilt_deg) * tilt
+    spin = np.radians(limits.spin_deg) * share(1)
     R = model.facing @ rotations(tilt @ np.eye(3)[:2]) @ rotations(spin * [0, 0, 1])
 
     origin, axes = model.target.frame
-    aim = origin + part * limits.extent_mm * (free_axes(model) * share(3)) @ axes.T
+    aim = origin + limits.extent_mm * (free_axes(model) * share(3)) @ axes.T
     for radius in model.sizes:
         aim = aim + 0.9 * radius * in_unit_ball(rng, count)
 

@@ -29,7 +29,6 @@ from profilecal_tool.plan.scan_model import (
     largest_sd,
     predict,
 )
-from profilecal_tool.plan.specification import Limits
 
 USUAL_SD = 0.1, 0.05  # mm and degrees that are good enough
 EXCHANGES = 6  # rounds; without neighbours, standard deviations are 10 % larger
@@ -51,8 +50,6 @@ class Plan:
     wanted_sd: Sequence[float]
     # so many poses as these would be enough for that; 0: no number of them
     enough_poses: int = 0
-    # whether only a second step, from the answer of these poses, can reach it
-    is_first_step: bool = False
     # mm/s, where two poses at a time are the ends of a sweep
     speed: float = 0.0
     # why there are not as many sweeps as were to be
@@ -165,14 +162,12 @@ class Pool:
 def smooth_worst(C: ndarray) -> ndarray:
     """Nearly `Pool.lacks`, but smooth, of covariances (..., 6, 6) of the sensor pose.
 
-    It is the root of (tr Aᵖ + tr Bᵖ)^(1/p), p = 16, of the blocks A of translation and
-    B of rotation: hardly larger than the largest eigenvalue. The trace of the square of
-    a symmetric matrix is the sum of its squared entries.
+    It is the root of the p-norm, p = 16, of the variances along the main axes of both
+    blocks, translation and rotation: hardly larger than the largest of them.
     """
     blocks = np.stack([C[..., :3, :3], C[..., 3:, 3:]], axis=-3)
-    scale = np.maximum(np.trace(C, axis1=-2, axis2=-1), np.finfo(float).tiny)
-    power = np.linalg.matrix_power(blocks / scale[..., None, None, None], 8)
-    return np.sqrt(scale * np.sum(power**2, axis=(-3, -2, -1)) ** (1 / 16))
+    variances = np.linalg.eigvalsh(blocks).reshape(*C.shape[:-2], 6)
+    return np.sqrt(np.linalg.norm(variances, 16, axis=-1))
 
 
 def design(
@@ -180,43 +175,45 @@ def design(
     rng: np.random.Generator,
     *,
     before: Frames = NOWHERE,
-    # twice as many take twice as long, and plans are 2 % better
-    candidates: int = 2000,
     **asked: Any,
 ) -> Plan:
     """The poses that serve a calibration best.
 
     They are so many `poses`, or as many as it takes until the standard deviations of
     translation and rotation are below `until`, mm and degrees, in every direction,
-    `most` of them at most: `asked` for so, or as the model's `Limits` have it.
+    `most` of them at most, chosen among so many `candidates`: `asked` for so, or as the
+    model's `Limits` have it.
     `before`: poses R (P, 3, 3), T (P, 3) that are there.
 
     Raises ScanError where the limits leave too few poses.
     """
     limits = replace(model.limits, **asked)
     wanted_sd = limits.until or USUAL_SD
-    drawn = draw(model, candidates, rng, BEYOND)
+    drawn = draw(model, limits.candidates, rng, BEYOND)
     # what smooth errors do must not depend on the poses, for information to add up
     smooth = model.linear(*drawn)[0].smooth(model.state).known
     fixed = replace(model, smooth=smooth)
     given = information(fixed, *before) if len(before[0]) else 0.0
     pool = Pool.from_poses(fixed, *drawn, wanted_sd, given)
-    chosen = greedy(pool, limits)
+
+    def by_pool(chosen: list[int]) -> bool:
+        return not limits.poses and pool.lacks(chosen) <= 1
+
+    def by_prediction(chosen: list[int]) -> bool:
+        poses = joined(before, (pool.R[chosen], pool.T[chosen]))
+        return not limits.poses and predict(model, *poses).lacks(wanted_sd) <= 1
+
+    most = limits.poses or limits.most
+    chosen = grown(pool, [], most, by_pool)
     for _ in watched(range(EXCHANGES), "exchanging poses"):
         plan = pool.R[chosen], pool.T[chosen]
         several = joined(plan, neighbours(model, *plan, 40, rng))
         pool = Pool.from_poses(fixed, *several, wanted_sd, given)
         chosen = exchanged(pool, list(range(len(chosen))))
-        if not limits.poses:
-            # better poses make up for others: the next round goes on from fewer
-            chosen = trimmed(pool, chosen)
-
-    def suffice(chosen: list[int]) -> bool:
-        poses = joined(before, (pool.R[chosen], pool.T[chosen]))
-        return predict(model, *poses).lacks(wanted_sd) <= 1
-
-    if not limits.poses:
-        chosen = just_enough(pool, chosen, suffice, limits.most)
+        # better poses make up for others: the next round goes on from fewer
+        chosen = trimmed(chosen, by_pool)
+    # smooth errors as these poses have them are not quite those of the pool
+    chosen = trimmed(grown(pool, chosen, most, by_prediction), by_prediction)
     R, T = pool.R[chosen], pool.T[chosen]
     predicted = predict(model, *joined(before, (R, T)), rng)
     way = there_and_back(short_way(R, T))
@@ -224,26 +221,19 @@ def design(
     return Plan(model, R[way], T[way], predicted, wanted_sd, enough)
 
 
-def greedy(pool: Pool, limits: Limits) -> list[int]:
-    """A plan that grows by whatever helps most, to so many poses or until it lacks
-    nothing.
-    """
-    chosen: list[int] = []
-    for _ in watched(range(limits.poses or limits.most), "choosing poses"):
-        if chosen and not limits.poses and pool.lacks(chosen) <= 1:
+def grown(
+    pool: Pool, chosen: list[int], most: int, suffice: Callable[[list[int]], bool]
+) -> list[int]:
+    """A plan with whatever helps most, until its poses suffice or are so many."""
+    for _ in watched(range(len(chosen), most), "choosing poses"):
+        if chosen and suffice(chosen):
             break
         chosen = added(pool, chosen)
     return chosen
 
 
-def just_enough(
-    pool: Pool, chosen: list[int], suffice: Callable[[list[int]], bool], most: int
-) -> list[int]:
-    """A plan with a few poses more or fewer: smooth errors as these poses have them are
-    not quite those that the pool counts with.
-    """
-    while len(chosen) < most and not suffice(chosen):
-        chosen = added(pool, chosen)
+def trimmed(chosen: list[int], suffice: Callable[[list[int]], bool]) -> list[int]:
+    """A plan without the poses that it does not take to suffice."""
     for pose in list(chosen):
         fewer = [other for other in chosen if other != pose]
         if fewer and suffice(fewer):
@@ -285,17 +275,6 @@ def exchanged(pool: Pool, chosen: list[int]) -> list[int]:
             plan[place] = best
             least = values[best]
     return min(chosen, plan, key=pool.lacks)
-
-
-def trimmed(pool: Pool, chosen: list[int]) -> list[int]:
-    """A plan without the poses that it does not take to be good enough."""
-    while len(chosen) > 1:
-        shorter = [chosen[:k] + chosen[k + 1 :] for k in range(len(chosen))]
-        best = min(shorter, key=pool.lacks)
-        if pool.lacks(best) > 1:
-            break
-        chosen = best
-    return chosen
 
 
 def there_and_back(way: list[int]) -> list[int]:

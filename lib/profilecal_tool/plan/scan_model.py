@@ -69,22 +69,22 @@ class ScanModel(Setup):
         face they reach across the field of view, but for a tenth at the sides, which
         features leave out.
 
-        A ray that is the fraction r of the half width h to the side, which grows by g
-        from a depth to one that is s farther, meets the line z = d + s x where x = r
-        (h(d) + g x).
+        A ray at the fraction r of the half width, which is h at z = 0 and grows by g,
+        meets the line n_x x + n_z z = d where x = r (h + g z).
         """
-        points = self.target.points_seen(R_view, T_view, count)
         is_face = len(self.target.shifts) == 1  # only a shift across it changes it
         if not is_face:
-            return points
-        (x, last_x), (z, last_z) = points[:, [0, -1]].T
-        slope = (last_z - z) / (last_x - x)
-        depth = z - slope * x
-        ends = self.scanner.half_width(np.array([depth, depth + slope]))
-        half, farther = ends[..., None]
+            return self.target.points_seen(R_view, T_view, count)
+        origin, axes = self.target.frame
+        normal = axes[:, 2]
+        n = normal @ R_view
+        distance = (origin - T_view) @ normal
+        half, farther = self.scanner.half_width(np.array([0.0, 1.0]))
         ray = np.linspace(-0.9, 0.9, count)
-        x = ray * half / (1 - ray * (farther - half))
-        return np.stack([x, depth[:, None] + slope[:, None] * x], axis=-1)
+        n_ray = n[:, :1] * ray
+        z = distance[:, None] - n_ray * half
+        z = z / (n[:, 2:] + n_ray * (farther - half))
+        return np.stack([ray * self.scanner.half_width(z), z], axis=-1)
 
     def middle_seen(self, R_view: ndarray, T_view: ndarray) -> ndarray:
         """The middle (P, 2), mm, of what is seen from sensor frames."""

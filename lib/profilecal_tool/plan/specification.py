@@ -13,13 +13,14 @@ from profilecal.geometry.poses import inverse, rotation_from_xyz_angles, rotatio
 from profilecal.scan.folder import read_header, read_poses
 from profilecal.scan.scan import ScanError
 from profilecal.scan.toml import number, numbers, whole
-from profilecal.simulation.scene import Setup, in_unit_ball
+from profilecal.simulation.scene import Scene, Setup, in_unit_ball
 from profilecal.simulation.spec import Spec, read_spec
+from profilecal.simulation.sweeps import Sweep, straight
 from profilecal.targets import TARGETS
 
 Vector = Annotated[Sequence[float], numbers(3)]
 Margin = Annotated[float, number(0, 90)]
-MARGINS = ("mount_mm", "mount_deg", "target_mm", "target_deg")
+LEAST = 100  # candidates from which a plan can still choose
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,8 @@ class Limits:
     # so many; 0: as many as `until` takes, and `most` at most
     poses: Annotated[int, whole(0, 1000)] = 0
     most: Annotated[int, whole(1, 1000)] = 100
+    # to choose among: of twice as many in twice the time, plans are 2 % better
+    candidates: Annotated[int, whole(LEAST, 100_000)] = 2000
     # standard deviations that are good enough, mm and degrees; empty: as usual
     until: Annotated[Sequence[float], numbers(2)] = ()
     # of the flange's positions in the base frame, mm
@@ -133,21 +136,36 @@ class PlannedSpec(Spec):
     poses: str = ""
     plan: Limits = Limits()
 
-    def __post_init__(self) -> None:
-        if self.poses and self.guess is None:
-            expected = "expected roughly where sensor and target are"
-            raise ValueError(f"poses are given, but no [guess]; {expected}")
-
     def setup(self, rng: Generator | None = None) -> Setup:
         """What is guessed, or with `rng` a truth, as `Guess.setup` has them. Raises
         ScanError without a guess.
         """
         if self.guess is None:
             raise ScanError(
-                "a plan needs [guess]: roughly where the sensor (mount) and the "
-                "target are"
+                "a plan needs [guess]: roughly where sensor (mount) and target are"
             )
         return self.guess.setup(self.kind, tuple(self.measures.values()), rng)
+
+    def scene(self, rng: Generator) -> Scene:
+        """A truth, and the poses of the file."""
+        if not self.poses:
+            return super().scene(rng)
+        setup = self.setup(rng)
+        said, R, T = planned_poses(self.poses, self.to_hand)
+        if setup.target.steered:  # by the operator, as far as this takes
+            R_view, T_view = setup.planes(R, T)
+            across = R_view[..., 1]
+            off = np.vecdot(setup.target.frame[0] - T_view, across)
+            off = off - self.noise.steering_mm * rng.normal(size=len(T))
+            T = T + off[:, None] * across
+        return Scene.of(setup, (R, T[:, None]), said["labels"], said["group"])
+
+    def sweeps(self, scene: Scene) -> list[Sweep]:
+        """Straight ones between two poses of the file at a time."""
+        if not (self.poses and self.motion):
+            return []
+        (R,), (T,) = scene.observations.R_flange, scene.observations.T_flange
+        return straight(scene, R, T, self.motion.speed)
 
 
 def read_specification(said: dict[str, Any], path: str | Path) -> PlannedSpec:

@@ -10,11 +10,9 @@ from collections import Counter
 import numpy as np
 from numpy import ndarray
 
-from profilecal.calibration.calibration import Calibration
-from profilecal.geometry.log import DELAY_S, Log
-from profilecal.geometry.poses import Frames
+from profilecal.geometry.noise import Noise
 from profilecal.scan.scan import ScanError
-from profilecal.simulation.sweeps import Motion, half_way
+from profilecal.simulation.sweeps import Motion, drive, half_way, straight
 from profilecal_tool.plan.candidates import refused
 from profilecal_tool.plan.design import Plan
 from profilecal_tool.plan.scan_model import ScanModel, predict
@@ -34,20 +32,26 @@ def along_lines(plan: Plan, motion: Motion, rng: np.random.Generator) -> Plan:
         )
     there_and_back = [0, 1, 1, 0]
     R, T = R.repeat(4, axis=0), ends[:, there_and_back].reshape(-1, 3)
-    seconds = np.linalg.norm(T[1::2] - T[::2], axis=1) / motion.speed
-    # so far apart that the log is cut between sweeps
-    begin = 100 * seconds.max() * np.arange(len(seconds))
-    log = Log(np.ravel([begin, begin + seconds], "F"), *model.in_base(R, T))
-    share = (np.arange(motion.profiles) + 0.5) / motion.profiles
-    times = (begin[:, None] + np.outer(seconds, share)).ravel()
-    group = np.arange(len(seconds)).repeat(len(share))
-    *flange, _ = log.at(times)
-    seen = model.in_base(*flange)
+    said, flange = drive(
+        model,
+        # few rows of a log tell straight lines
+        Motion(profiles=motion.profiles, delay_ms=0.0, log_hz=2.0),
+        Noise(),
+        rng,
+        spread_deg=0.0,
+        to_hand=model.to_hand,
+        planned=straight(model, R, T, motion.speed),
+    )
+    in_motion = {
+        "log": said["log"],
+        "times": said["times"][None],
+        "group": np.unique(said["sweeps"], return_inverse=True)[1],
+    }
     return Plan(
         model,
         R,
         T,
-        predict(model, *seen, rng, log=log, times=times[None], group=group),
+        predict(model, *model.in_base(*flange), rng, **in_motion),
         plan.wanted_sd,
         speed=motion.speed,
         left_out=left_out,
@@ -76,21 +80,3 @@ def lines_through(
         for reason, count in Counter(reasons[missing]).most_common()
     ]
     return R[~missing], found[~missing], left_out
-
-
-def way_back(found: Calibration) -> Frames | None:
-    """Where the sweeps of a calibration's one scan end and begin, flange poses (2 n, 3,
-    3), (2 n, 3) in the base, two of each, if it leaves the delay open: driven
-    backwards, they tell it.
-    """
-    (scan,), solution = found.scans, found.solution_or_none
-    if scan.log is None or solution is None or found.status == "ok":
-        return None
-    if solution.delay_sd_s < DELAY_S / 2:
-        return None
-    names = np.array(scan.sweeps)
-    rows: list[int] = []
-    for name in dict.fromkeys(names[scan.moving]):
-        own = np.flatnonzero(names == name)
-        rows += [own[np.argmax(scan.times[own])], own[np.argmin(scan.times[own])]]
-    return scan.R_base_flange[rows], scan.p_base_flange[rows]

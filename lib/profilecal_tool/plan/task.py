@@ -15,16 +15,15 @@ from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import write_table
 from profilecal.scan.toml import read_toml, toml_text
 from profilecal.simulation.sweeps import Motion
-from profilecal_tool.plan.design import FEW, NOWHERE, Plan, design, joined
+from profilecal_tool.plan.design import NOWHERE, Plan, design, joined
 from profilecal_tool.plan.knowledge import model_of_scan, model_of_spec
 from profilecal_tool.plan.scan_model import Prediction, ScanModel, predict
 from profilecal_tool.plan.specification import (
-    MARGINS,
     PlannedSpec,
     planned_poses,
     read_specification,
 )
-from profilecal_tool.plan.sweeps import along_lines, way_back
+from profilecal_tool.plan.sweeps import along_lines
 from profilecal_tool.plan.words import worst
 
 LINES = (4, 6, 8, 12, 16, 24, 32, 48)  # of plans of sweeps that are tried in turn
@@ -43,11 +42,11 @@ class Task:
     # the content of the specification; none: the folder cannot be simulated
     entries: Mapping
     # how the robot moves; None: it stops for each profile
-    motion: Motion | None = None
+    motion: Motion | None
     # poses R (P, 3, 3), T (P, 3) that are there already
-    before: Frames = NOWHERE
+    before: Frames
     # whether `calibrate` has something to say against the scan
-    doubted: bool = False
+    doubted: bool
 
     def prediction_of(self, place: Path) -> tuple[Prediction, int]:
         """Predict what the poses of a folder or a file will be worth.
@@ -69,12 +68,17 @@ class Task:
         """The poses that serve best; in motion, lines through poses. Raises
         ScanError.
         """
-        if self.motion:
-            return self.sweeps(self.motion)
-        plan = self.poses()
-        if self.count_given or not plan.falls_short:
-            return plan
-        return self.first_step() or plan
+        motion, limits = self.motion, self.model.limits
+        if motion is None:
+            return self.poses()
+        counts: Sequence[int] = LINES
+        if self.count_given:
+            counts = [limits.poses or (motion.sweeps + 1) // 2]
+        for count in counts:
+            plan = along_lines(self.poses(poses=count), motion, self.rng)
+            if not plan.falls_short:
+                break
+        return plan
 
     @property
     def count_given(self) -> bool:
@@ -86,32 +90,6 @@ class Task:
         """A plan of poses. Raises ScanError."""
         return design(self.model, self.rng, before=self.before, **asked)
 
-    def sweeps(self, motion: Motion) -> Plan:
-        """A plan of so many lines as are asked for, or as it takes. Raises
-        ScanError.
-        """
-        counts: Sequence[int] = LINES
-        if self.count_given:
-            counts = [self.model.limits.poses or (motion.sweeps + 1) // 2]
-        for count in counts:
-            plan = along_lines(self.poses(poses=count), motion, self.rng)
-            if not plan.falls_short:
-                break
-        return plan
-
-    def first_step(self) -> Plan | None:
-        """A few poses, from whose answer a second plan reaches what is wanted, if only
-        the margins of the guess keep this one from it.
-        """
-        guess = self.model.guess
-        if guess is None:
-            return None
-        exact = replace(guess, **dict.fromkeys(MARGINS, 0.0))
-        second = replace(self, model=replace(self.model, guess=exact))
-        if second.poses().falls_short:
-            return None
-        return replace(self.poses(poses=FEW), is_first_step=True)
-
     def write(self, plan: Plan, folder: Path) -> None:
         """Write a plan of poses or sweeps into a folder that exists.
 
@@ -119,9 +97,17 @@ class Task:
         simulates these as well, with the robot's errors that the prediction counts
         with.
         """
-        table = "sweeps.csv" if plan.speed else "poses.csv"
-        poses = self.model.in_base(plan.R, plan.T)
-        write_folder(folder, self.source, self.stated, table, poses)
+        source, convention = self.source, self.source.convention
+        labels = [f"{k:03d}" for k in range(1, len(plan.T) + 1)]
+        table = "poses.csv"
+        if plan.speed:
+            table, ends = "sweeps.csv", ("begin", "end")
+            labels = [f"s{k // 2 + 1} {ends[k % 2]}" for k in range(len(plan.T))]
+        columns = poses_columns(labels, *self.model.in_base(plan.R, plan.T), convention)
+        write_table(folder / table, columns)
+        title = source.title or f"planned {source.kind}"
+        header = header_of(source, title, self.stated)
+        (folder / "scan.toml").write_text(toml_text(header), encoding="utf-8")
         if self.entries:
             robot = prior_from(self.stated).scales.of_robot
             changes = {"plan": {}, "poses": table, "noise": {**self.stated, **robot}}
@@ -129,84 +115,40 @@ class Task:
             (folder / "simulate.toml").write_text(text, encoding="utf-8")
 
 
-@dataclass(frozen=True)
-class WayBack:
-    """The sweeps of a scan backwards, which tell a delay that they leave open."""
-
-    scan: Scan
-    # (2 n, 3, 3), (2 n, 3) mm, where each begins and ends
-    poses: Frames
-
-    def write(self, folder: Path) -> None:
-        """Write them into a folder that exists, a scan folder without measurements."""
-        write_folder(folder, self.scan, self.scan.noise, "sweeps.csv", self.poses)
-
-
 def read_task(
     path: Path,
     poses: int | None = None,
     until: Sequence[float] | None = None,
     within: Path | None = None,
-) -> Task | WayBack:
-    """The task that a file SPEC.toml or a scan folder sets; the way back of a scan
-    whose sweeps hide the delay.
+) -> Task:
+    """The task that a file SPEC.toml or a scan folder sets.
 
     `poses` and `until` go before what it says; after a scan, `within` is a SPEC.toml
     that says where the robot may go. Raises ScanError.
     """
     if path.name == "scan.toml":
         path = path.parent
-    if path.is_dir():
-        task = task_after(path, within)
-    elif within:
+    is_scan = path.is_dir()
+    if within and not is_scan:
         raise ScanError(f"{path} is no scan folder; expected one beside --within")
+    place = within if is_scan else path
+    entries = read_toml(place) if place else {}
+    spec = read_specification(entries, place) if place else PlannedSpec()
+    rng = np.random.default_rng(spec.seed)
+    source, stated, motion = spec, entries.get("noise", {}), spec.motion
+    if is_scan:
+        source, motion = read_scan(path), None
+        stated, found = source.noise, calibrate([source])
+        model, before = model_of_scan(found)
+        doubted = found.misread
     else:
-        task = task_of(path)
-    if isinstance(task, Task) and (poses or until):
-        limits = task.model.limits
+        model = model_of_spec(spec, stated, rng)
+        before, doubted = NOWHERE, False
+    limits = spec.plan if place else model.limits
+    if poses or until:
         limits = replace(limits, poses=poses or 0, until=until or limits.until)
-        task = replace(task, model=replace(task.model, limits=limits))
-    return task
-
-
-def task_of(path: Path) -> Task:
-    """What a file SPEC.toml asks for. Raises ScanError."""
-    entries = read_toml(path)
-    spec = read_specification(entries, path)
-    rng, stated = np.random.default_rng(spec.seed), entries.get("noise", {})
-    model = model_of_spec(spec, stated, rng)
-    return Task(model, rng, spec, stated, entries, spec.motion)
-
-
-def task_after(path: Path, within: Path | None) -> Task | WayBack:
-    """What a scan folder lacks. Raises ScanError."""
-    scan = read_scan(path)
-    found = calibrate([scan])
-    if back := way_back(found):
-        return WayBack(scan, back)
-    model, before = model_of_scan(found)
-    entries = {}
-    if within:
-        entries = read_toml(within)
-        model = replace(model, limits=read_specification(entries, within).plan)
-    rng = np.random.default_rng(0)
-    task = Task(model, rng, scan, scan.noise, entries, before=before)
-    return replace(task, doubted=found.misread)
-
-
-def write_folder(
-    folder: Path, source: PlannedSpec | Scan, noise: Mapping, table: str, poses: Frames
-) -> None:
-    """Write poses R (P, 3, 3), p (P, 3) in the base into a table, and scan.toml; of
-    sweeps, two poses are where each begins and ends.
-    """
-    labels = [f"{k:03d}" for k in range(1, len(poses[0]) + 1)]
-    if table == "sweeps.csv":
-        count = len(labels) // 2
-        labels = [f"s{k + 1} {end}" for k in range(count) for end in ("begin", "end")]
-    write_table(folder / table, poses_columns(labels, *poses, source.convention))
-    header = header_of(source, source.title or f"planned {source.kind}", noise)
-    (folder / "scan.toml").write_text(toml_text(header), encoding="utf-8")
+    model = replace(model, limits=limits)
+    return Task(model, rng, source, stated, entries, motion, before, doubted)
 
 
 def next_poses(found: Calibration, folder: Path) -> list[str]:

@@ -81,12 +81,6 @@ def plan_lines(plan: Plan, count_given: bool) -> list[str]:
         lines += [f"left out       {why}" for why in plan.left_out]
         if falls_short:
             lines.append(f"note           {count // 2} sweeps do not give {wished}")
-    elif plan.is_first_step:
-        lines.append(
-            "note           a first step: with a guess as wrong as stated, as many "
-            f"poses as allowed do not reach {wished}; a second step, from the answer "
-            "of these, does"
-        )
     elif falls_short:
         like = (
             f"{plan.enough_poses} like these are"
@@ -97,23 +91,6 @@ def plan_lines(plan: Plan, count_given: bool) -> list[str]:
             f"note           {count} poses are not enough for {wished}; {like}"
         )
     return lines
-
-
-def way_back_lines(count: int, scan: Path, folder: Path | None) -> list[str]:
-    """So many sweeps that a scan lacks, and what to do with them."""
-    lines = [
-        "delay          open: the sweeps of this scan hide it",
-        f"sweeps         {count}, those of the scan backwards, so that each is {WHY}",
-    ]
-    if not folder:
-        return [*lines, f"next: profilecal plan {scan} NEW-FOLDER writes them"]
-    return [
-        *lines,
-        f"{folder}/ written; drive {folder / 'sweeps.csv'} by the same two clocks, "
-        "from each begin to its end",
-        "next: put log.csv and the measurements with sweep and t beside it, then "
-        f"profilecal calibrate {scan} {folder}",
-    ]
 
 
 def steps(plan: Plan, spec: Path, folder: Path | None) -> list[str]:
@@ -144,11 +121,5 @@ def steps(plan: Plan, spec: Path, folder: Path | None) -> list[str]:
             "or take the scanner's files: profilecal import DIR NEW-FOLDER "
             f"--target {target.kind}{''.join(lengths)}{mount} "
             f"--poses {folder / 'poses.csv'}"
-        )
-    if plan.is_first_step:
-        mm, deg = plan.wanted_sd
-        lines.append(
-            f"and then: profilecal plan {folder} SECOND-FOLDER "
-            f"--until {mm:g} {deg:g} --within {spec}"
         )
     return lines

@@ -27,7 +27,7 @@ import profilecal as pc
 from profilecal import targets
 from profilecal.geometry.noise import Noise
 from profilecal.simulation.robot import Robot, Scanner
-from profilecal.simulation.spec import WIDE, Spec, record, scene_of, taken
+from profilecal.simulation.spec import WIDE, Spec, record, taken
 
 SCANS = int(os.environ.get("PROFILECAL_COVERAGE", "3"))
 EDGE = {"kind": "edge", "scanner": asdict(Scanner()), "groups": 12, "positions": 5}
@@ -117,7 +117,7 @@ def scans_of(cell, seed):
     noise = Noise(profile_mm=0.05, **errors)
     first, *others = [Spec(kind, seed=seed, noise=noise, **entries) for kind in kinds]
     rng = default_rng(seed)
-    scene = scene_of(first, rng)
+    scene = first.scene(rng)
     poses = taken(scene, first, rng)
     scans = [record(scene, poses, first, rng)]
     for spec in others:

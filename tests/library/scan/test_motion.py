@@ -157,14 +157,13 @@ def test_scans_of_several_delays_do_not_belong_together():
         pc.calibrate([scan, replace(in_motion("plane"), delay_ms=3.0)])
 
 
-@pytest.mark.parametrize("table", ["poses", "points"])
 @pytest.mark.parametrize(("seconds", "asked"), [(0.02, True), (5.0, False)])
-def test_poses_a_moment_apart_are_asked_about(table, seconds, asked, tmp_path):
+def test_poses_a_moment_apart_are_asked_about(seconds, asked, tmp_path):
     """Without a log: whether the robot stood still, only its user knows."""
     scan = scan_of("edge", seed=3)
     pc.write_scan(scan, tmp_path / "scan")
     without_times = pc.calibrate(pc.read_scan(tmp_path / "scan"))
-    path = tmp_path / "scan" / f"{table}.csv"
+    path = tmp_path / "scan" / "poses.csv"
     rows = pd.read_csv(path)
     rows.assign(t=seconds * np.arange(len(rows))).to_csv(path, index=False)
     read = pc.read_scan(tmp_path / "scan")
@@ -175,21 +174,14 @@ def test_poses_a_moment_apart_are_asked_about(table, seconds, asked, tmp_path):
     assert_array_equal(found.pose, without_times.pose)
 
 
-def test_a_log_has_times_though_the_robot_has_an_angle_t(tmp_path):
+@pytest.mark.parametrize("entries", [{}, {"motion": SWEEPS | {"stops": 2}}])
+def test_times_are_written_though_the_robot_has_an_angle_t(entries, tmp_path):
     """The orientations become quaternions."""
-    scan = in_motion(motion=SWEEPS | {"stops": 2})
-    pc.write_scan(replace(scan, convention="Kawasaki angles"), tmp_path / "scan")
-    expected = replace(scan, convention="quaternion")
-    assert_same(pc.read_scan(tmp_path / "scan"), expected)
-
-
-@pytest.mark.parametrize("convention", ["quaternion", "Kawasaki angles"])
-def test_times_of_poses_at_rest_are_written(convention, tmp_path):
-    scan = scan_of("edge", seed=3)
-    times = 0.1 * np.arange(len(scan.labels))
-    timed = replace(scan, times=times, convention=convention)
-    pc.write_scan(timed, tmp_path / "scan")
-    assert_same(pc.read_scan(tmp_path / "scan"), timed)
+    scan = scan_of("edge", seed=3, **entries)
+    times = scan.times if entries else 0.1 * np.arange(len(scan.labels))
+    scan = replace(scan, times=times, convention="Kawasaki angles")
+    pc.write_scan(scan, tmp_path / "scan")
+    assert_same(pc.read_scan(tmp_path / "scan"), replace(scan, convention="quaternion"))
 
 
 def test_an_angle_t_is_no_time(tmp_path):

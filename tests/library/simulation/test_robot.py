@@ -30,14 +30,6 @@ def test_repeats_share_the_error_of_their_pose_and_not_the_noise_of_the_scanner(
     assert np.abs(noisy[::2] - noisy[1::2]).min() > 0
 
 
-def test_a_drift_grows_from_the_first_pose_to_the_last():
-    R, T = np.tile(np.eye(3), (5, 1, 1)), np.zeros((5, 3))
-    rng = default_rng(3)
-    _, moved = Robot(drift_mm=1.0).visiting(R, T, NOISELESS, rng)
-    assert_allclose(moved, np.linspace(0, 1, 5)[:, None] * moved[-1])
-    assert 0.1 < np.linalg.norm(moved[-1]) < 5
-
-
 def test_an_arm_errs_alike_wherever_it_meets_a_pose_again():
     erring, _ = points(repeats=2, robot=Robot(joint_deg=0.05, link_mm=0.3))
     perfect, _ = points(repeats=2)

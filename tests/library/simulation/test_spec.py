@@ -35,11 +35,6 @@ def test_simulate_writes_a_scan_that_calibrates_to_its_truth(tmp_path):
         ),
         ('measured = "chords"', "measured is 'chords'; expected profiles or points"),
         (
-            'poses = "poses.csv"',
-            "poses are given, but no [guess]; "
-            "expected roughly where sensor and target are",
-        ),
-        (
             "[guess]\ntarget = [1, 2, 3]",
             "mount is missing in [guess]; expected 6 numbers",
         ),

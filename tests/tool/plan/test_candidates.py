@@ -62,31 +62,29 @@ def test_poses_that_miss_the_target_have_no_clearance():
     assert worst_clearance(model, R, beside).tolist() == [-np.inf] * 3
 
 
-TOO_FEW = [
-    (Limits(low=(0, 0, 0), high=(9, 9, 9)), 5, "outside the box. Widen"),
-    (
-        Limits(avoid=((900.0, 50.0, 300.0, 1000.0),)),
-        5,
-        "100% are in a zone to avoid. Widen",
-    ),
-    (Limits(), 80, "may lose the target from view if the guess is as wrong as stated"),
-]
+OUTSIDE, WIDE_GUESS = Limits(low=(0, 0, 0), high=(9, 9, 9)), {"mount_mm": 80}
+LOST = "may lose the target from view if the guess is as wrong as stated"
 
 
-@pytest.mark.parametrize(("limits", "margin_mm", "sentence"), TOO_FEW)
+def around(place, radius):
+    """A zone there."""
+    return Limits(avoid=((*place, radius),))
+
+
+@pytest.mark.parametrize(
+    ("mount", "limits", "margins", "sentence"),
+    [
+        ("eye-in-hand", OUTSIDE, {}, "outside the box. Widen"),
+        ("eye-in-hand", around((900, 50, 300), 1000), {}, "100% are in a zone to"),
+        ("eye-to-hand", around((900, 0, 700), 20), {}, "100% are in a zone to avoid"),
+        ("eye-in-hand", Limits(), WIDE_GUESS, LOST),
+    ],
+)
 def test_limits_and_guesses_that_leave_no_pose_are_refused_in_words(
-    limits, margin_mm, sentence
+    mount, limits, margins, sentence
 ):
-    model = model_for("edge")
-    guess = replace(model.guess, mount_mm=margin_mm)
-    model = replace(model, guess=guess, limits=limits)
+    model = model_for("edge", "points", mount)
+    model = replace(model, guess=replace(model.guess, **margins), limits=limits)
     with pytest.raises(ScanError, match="only 0 of") as error:
         draw(model, 10, default_rng(4))
     assert sentence in str(error.value)
-
-
-def test_where_a_sensor_that_stands_still_is_in_a_zone_no_pose_is_possible():
-    model = model_for("edge", "points", "eye-to-hand")
-    model = replace(model, limits=Limits(avoid=((*model.T_sensor, 20.0),)))
-    with pytest.raises(ScanError, match="100% are in a zone to avoid"):
-        draw(model, 10, default_rng(4))

@@ -10,17 +10,14 @@ import pandas as pd
 import pytest
 from command import run
 from folders import edited
-from planned import GUESS as AROUND
-from planned import KINDS
 from scipy.stats import chi2
 from simulated import printed_square
 
 import profilecal as pc
 from profilecal.geometry.noise import Noise
-from profilecal.scan.folder import read_scan, write_scan
-from profilecal.scan.toml import read_toml, toml_text
+from profilecal.scan.folder import write_scan
+from profilecal.scan.toml import read_toml
 from profilecal.simulation.spec import Spec, simulate_scan
-from profilecal_tool.plan.design import design
 from profilecal_tool.plan.task import read_task
 
 SPEC = """
@@ -34,6 +31,7 @@ profile_mm = 0.05
 position_mm = 0.05
 orientation_deg = 0.02
 [plan]
+candidates = 500
 poses = 8
 """
 MANY = ("poses = 8", "poses = 40")  # fewer hardly show how large the robot's errors are
@@ -50,12 +48,6 @@ WEAK = Spec(
     groups=5,
     noise=Noise(profile_mm=0.05, position_mm=0.05),
 )
-
-
-@pytest.fixture(autouse=True)
-def _few_candidates(monkeypatch):
-    """A quarter of the poses to choose from: plans are a few percent worse."""
-    monkeypatch.setitem(design.__kwdefaults__, "candidates", 500)
 
 
 def spec_in(folder, *changes):
@@ -163,14 +155,12 @@ def test_a_plan_goes_on_from_a_scan_that_is_ok_with_an_error_and_a_pose_left_out
     tmp_path,
 ):
     """Depths 1 % too large, which the covariance allows for, and a pose 5 mm off."""
-    scan, _ = pc.simulate("edge", 0, groups=17, positions=1)
+    scan, _ = pc.simulate("edge", 0, groups=15, positions=1)
     poses = scan.T_base_flange.copy()
     poses[4, 2, 3] += 5
+    first, more = tmp_path / "first", tmp_path / "more"
     points = np.concatenate(scan.values) * [1, 1.01]
-    first, second, more = (tmp_path / name for name in ("first", "second", "more"))
-    for folder, some in ((first, slice(15)), (second, slice(15, 17))):
-        part = pc.Scan.of("edge", poses[some], points=points[some])
-        write_scan(part, folder)
+    write_scan(pc.Scan.of("edge", poses, points=points), first)
     answer = json.loads(run("calibrate", first, "--json").output)
     assert answer["status"] == "ok"
     assert answer["poses_rejected"] == ["5"]
@@ -178,12 +168,6 @@ def test_a_plan_goes_on_from_a_scan_that_is_ok_with_an_error_and_a_pose_left_out
     assert planned.exit_code == 0, planned.output
     assert "predicted for 16 poses, 2 of them new" in planned.output
     assert "calibrate finds an error in this scan" in planned.output
-    assert f"profilecal calibrate {first} {more}, both at once" in planned.output
-
-    both = json.loads(run("calibrate", first, second, "--json").output)
-    assert len(both["poses_used"]) == 16
-    assert (stated_worst(both) < stated_worst(answer)).all()
-    assert "stand where the first one does" in both["messages"][0]
 
 
 def test_a_plan_after_a_scan_counts_with_the_robot_errors_that_it_shows(tmp_path):
@@ -236,68 +220,21 @@ def test_an_accuracy_takes_as_many_poses_as_it_takes(tmp_path):
     assert read_task(spec, poses=9).model.limits.until == [0.15, 0.1]
     assert missed.endswith("NEW-FOLDER writes it\n")
     sentence = r"9 poses are not enough for 0.15 mm and 0.1°; (\d+) like these are"
-    enough = re.search(sentence, missed)[1]
-    reached = run("plan", spec, "--poses", enough, "--until", 0.15, 0.1).output
-    assert (worst(reached) < [0.17, 0.11]).all()
-
-
-def test_a_wide_guess_gets_a_first_step_whose_answer_plans_the_second(tmp_path):
-    margins = "mount_mm = 15\nmount_deg = 8\ntarget_mm = 15\ntarget_deg = 8\n[noise]"
-    wish = "until = [0.09, 0.045]\nhigh = [1200, 400, 800]"
-    # of seeds 2 to 5 the answers are 1.1 to 1.4 times as wide as what is asked for
-    changes = ("[noise]", margins), ("poses = 8", wish), ("seed = 2", "seed = 4")
-    spec = spec_in(tmp_path, *changes)
-    first, second = tmp_path / "first", tmp_path / "second"
-    planned = run("plan", spec, first).output
-    assert "a first step" in planned
-    run("simulate", first / "simulate.toml", tmp_path / "scan")
-    command = re.search(r"plan (\S+) SECOND-FOLDER (--until .*)", planned)[2].split()
-    assert command[-1] == str(spec)
-    assert run("plan", tmp_path / "scan", second, *command).exit_code == 0
-    assert pd.read_csv(second / "poses.csv")["z"].max() <= 800
-    simulated = run(
-        "simulate", second / "simulate.toml", tmp_path / "more", "--scan", 2
-    )
-    assert simulated.exit_code == 0
-    truth = read_toml(tmp_path / "scan/truth.toml")
-    assert truth == read_toml(tmp_path / "more/truth.toml")
-    output = run("calibrate", tmp_path / "scan", tmp_path / "more", "--json").output
-    answer = json.loads(output)
-    assert answer["status"] == "ok"
-    # poses are added until both are reached; one may be long before the other
-    assert max(stated_worst(answer) / [0.09, 0.045]) == pytest.approx(1, rel=0.25)
-    assert printed_square(answer, truth) < chi2.ppf(0.99, 6)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_true_mount_of_an_arm_lies_in_the_total_region_of_a_plan_too(
-    kind, tmp_path
-):
-    """Poses that suit the target hardly show what is wrong with the joints."""
-    spec, arm = tmp_path / "spec.toml", {"joint_deg": 0.035, "link_mm": 0.2}
-    entries = {"kind": kind, "seed": 1, "measured": "profiles", "robot": arm}
-    spec.write_text(toml_text(entries | {"guess": AROUND}))
-    run("plan", spec, tmp_path / "plan", "--poses", 16)
-    run("simulate", tmp_path / "plan/simulate.toml", tmp_path / "scan")
-    scan, truth = read_scan(tmp_path / "scan"), read_toml(tmp_path / "scan/truth.toml")
-
-    def square(**noise):
-        found = pc.calibrate(replace(scan, noise=noise)).to_json()
-        return printed_square(found, truth, "covariance_total")
-
-    assert square() < chi2.isf(0.01, 6)
-    assert square() < square(accuracy_mm=0.0, accuracy_deg=0.0)
+    assert int(re.search(sentence, missed)[1]) > 9
 
 
 def test_only_after_a_scan_a_specification_says_where_the_robot_may_go(tmp_path):
-    spec = spec_in(tmp_path)
+    spec = spec_in(tmp_path, ("poses = 8", "poses = 3\nhigh = [1200, 400, 320]"))
     result = run("plan", spec, "--within", spec)
     assert result.exit_code == 2
     assert "spec.toml is no scan folder; expected one" in result.output
-    write_scan(simulate_scan(WEAK), tmp_path / "scan")
-    result = run("plan", tmp_path / "scan", "--within", tmp_path / "scan")
+    scan, more = tmp_path / "scan", tmp_path / "more"
+    write_scan(simulate_scan(WEAK), scan)
+    result = run("plan", scan, "--within", scan)
     assert result.exit_code == 2
     assert "scan: not a file" in result.output
+    assert run("plan", scan, more, "--within", spec).exit_code == 0
+    assert pd.read_csv(more / "poses.csv")["z"].max() <= 320
 
 
 GUESS = "[guess]\nmount = [60, -40, 110, 170, 10, 30]\ntarget = [900, 50, 300]\n"

@@ -83,8 +83,15 @@ def test_a_plan_after_others_adds_what_those_lack():
     assert plan.predicted.spectrum.status == "ok"
     alone = design(model, rng, poses=6, candidates=800)
     assert lacks(plan.predicted) < lacks(alone.predicted)
-    enough = {"until": (1, 1), "before": draw(model, 30, rng), "candidates": 100}
-    assert len(design(model, rng, **enough).T) == 1
+
+
+def test_so_many_poses_like_these_are_enough_and_hardly_fewer():
+    pool, chosen = pool_of("edge", 40, default_rng(1)), list(range(12))
+    assert pool.enough_poses(chosen, 1.0) == 12
+    least, most = (pool.enough_poses(chosen, 1.5) / count for count in (14, 12))
+    wanted = pool.lacks(chosen) / 1.5
+    assert pool.lacks(chosen, most) <= wanted < pool.lacks(chosen, least)
+    assert pool.enough_poses(chosen, 100.0) == 0
 
 
 def test_the_way_goes_everywhere_is_short_and_passes_each_place_twice():

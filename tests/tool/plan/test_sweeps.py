@@ -5,16 +5,9 @@ import re
 import numpy as np
 import pytest
 from command import run
-from numpy.random import default_rng
-from scipy.stats import chi2
 
 import profilecal as pc
-from profilecal.geometry.noise import normalised_square
-from profilecal.geometry.poses import pose_error
-from profilecal.simulation.scene import Setup
-from profilecal.simulation.spec import read_spec, record_sweeps
-from profilecal_tool.plan.simulation import straight_sweeps
-from profilecal_tool.plan.specification import planned_poses
+from profilecal_tool.plan.task import read_task
 
 SPEC = """
 kind = "{kind}"
@@ -63,38 +56,14 @@ def test_sweeps_are_as_many_as_it_takes_and_limits_cost_some(tmp_path):
     text = SPEC.format(kind="edge", mount="eye-in-hand", sensor=sensor, target=target)
     spec = tmp_path / "spec.toml"
     spec.write_text(text)
-    counts = []
-    for wish in ((0.3, 0.2), (0.08, 0.06)):
-        said = run("plan", spec, "--until", *wish).stdout
-        mm, deg = re.search(r"worst +([\d.]+) mm and ([\d.]+)°", said).groups()
-        assert float(mm) <= wish[0]
-        assert float(deg) <= wish[1]
-        counts.append(int(re.search(r"sweeps +(\d+),", said)[1]))
-    assert counts[0] < counts[1]
+    plans = [read_task(spec, until=wish).plan() for wish in ((0.3, 0.2), (0.08, 0.06))]
+    assert not any(plan.falls_short for plan in plans)
+    assert len(plans[0].T) < len(plans[1].T)
     spec.write_text(text + "[plan]\nlow = [880, -60, 380]\n")
-    said = run("plan", spec, "--poses", "6").stdout
-    left_out = sum(map(int, re.findall(r"left out +(\d+) line", said)))
-    assert 2 * (6 - left_out) == int(re.search(r"sweeps +(\d+),", said)[1]) < 12
+    plan = read_task(spec, poses=6).plan()
+    lines = 6 - sum(int(why.split()[0]) for why in plan.left_out)
+    assert 4 * lines == len(plan.T) < 24
     spec.write_text(text + "[plan]\nlow = [880, -60, 419]\nhigh = [2000, 60, 420]\n")
     said = run("plan", spec, "--poses", "3").output
     assert "no straight sweep fits within the limits" in said
     assert "are outside the box" in said
-
-
-def test_the_way_back_of_a_scan_tells_its_delay(tmp_path):
-    entries = {"kind": "edge", "seed": 1, "noise": {"profile_mm": 0.05}}
-    entries["motion"] = {"pattern": "one way", "sweeps": 16, "profiles": 30}
-    scan, truth = pc.simulate(**entries)
-    assert pc.calibrate(scan).status == "unobservable"
-    pc.write_scan(scan, tmp_path / "scan")
-    said = run("plan", tmp_path / "scan", tmp_path / "back").stdout
-    assert "sweeps         16, those of the scan backwards" in said
-    R, T = truth.pose[:3, :3], truth.pose[:3, 3]
-    setup = Setup(truth.target, np.eye(3), R, T)
-    _, *ends = planned_poses(tmp_path / "back" / "sweeps.csv", to_hand=False)
-    sweeps = straight_sweeps(setup, *ends, 100.0)
-    back = record_sweeps(setup, read_spec(entries), default_rng(3), sweeps)
-    found = pc.calibrate([scan, back])
-    assert found.status == "ok"
-    error = pose_error(found.pose[:3, :3], found.pose[:3, 3], R, T)
-    assert normalised_square(found.solution.covariance, error) < chi2.isf(1e-3, 6)
