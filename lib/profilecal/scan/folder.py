@@ -217,8 +217,6 @@ def check_poses(table: Table, scale: float, side: float = 0.0) -> dict[str, Any]
     given = bool(groups.any())
     blank = given & (groups == "")
     table.refuse(blank, "no group; expected one for each pose, or for none")
-    # beside a time, t may be an angle
-    is_time = "t" not in convention.columns
     return {
         "labels": tuple(labels),
         "R_base_flange": rotations,
@@ -228,7 +226,6 @@ def check_poses(table: Table, scale: float, side: float = 0.0) -> dict[str, Any]
         "group_given": given,
         "convention": convention.name,
         "orientation": block,
-        "times": np.where(is_time, table.times(), np.nan),
     }
 
 
@@ -388,18 +385,15 @@ def tables_of(scan: Scan) -> dict[str, dict[str, Any]]:
     """The columns of a scan's tables, by their names."""
     still = ~scan.moving
     labels = np.where(still, scan.labels, "")
-    convention, is_timed = named(scan.convention), np.isfinite(scan.times)
-    if is_timed.any() and "t" in convention.columns:
-        convention = CONVENTIONS[0]  # t is a time
+    convention = named(scan.convention)
+    if scan.log and "t" in convention.columns:
+        convention = CONVENTIONS[0]  # the log's t is a time
     tables, keys = {}, {}
     if still.any():
         R, p = scan.R_base_flange[still], scan.p_base_flange[still]
         poses = poses_columns(labels[still], R, p, convention.name)
-        if scan.orientation is not None and convention.name == scan.convention:
-            # as read: another convention may be meant
+        if scan.orientation is not None:  # as read: another convention may be meant
             poses |= zip(convention.columns, scan.orientation.T, strict=True)
-        if is_timed[still].any():
-            poses["t"] = scan.times
         if scan.group_given:
             poses["group"] = scan.group[still]
         if np.any(scan.side[still]):

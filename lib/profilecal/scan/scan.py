@@ -94,8 +94,7 @@ class Scan:
     # where something was measured in motion: the poses that the robot recorded, which
     # give R_base_flange and p_base_flange there
     log: Log | None = None
-    # (P,) s by the scanner's clock, NaN at rest; without a log, when the poses were
-    times: Any = None
+    times: Any = None  # (P,) s by the scanner's clock, NaN at rest
     sweeps: tuple[str, ...] = ()  # (P,) names, "" at rest
     # the robot's clock less the scanner's, None where it is to be found
     delay_ms: float | None = None
@@ -299,11 +298,11 @@ class Scan:
         were read and whether groups were stated are dropped.
         """
         P = len(self.values)
-        given = self.times is not None and np.size(self.times)
-        times = self.times if given else np.full(P, np.nan)
-        times = check_array("times", times, (P,), finite=False)
+        times = np.full(P, np.nan)
+        if self.log:
+            times = check_array("times", self.times, (P,), finite=False)
         poses = self.labels, self.R_base_flange, self.p_base_flange, self.group
-        at_rest = np.count_nonzero(np.isnan(times)) if self.log else P
+        at_rest = np.count_nonzero(np.isnan(times))
         if len(poses[2]) not in (at_rest, P):
             raise ScanError(
                 f"T_base_flange has {len(poses[2])} poses for {at_rest} {self.measured}"
@@ -390,14 +389,14 @@ class Scan:
     @property
     def moving(self) -> ndarray:
         """What was measured in motion, by the robot's log, (P,)."""
-        return np.isfinite(self.times) & (self.log is not None)
+        return np.isfinite(self.times)
 
     def at_rest(self, delay_ms: float) -> "Scan":
         """The same as if its poses had been recorded one by one, by such a delay."""
         if self.log is None:
             return self
         posed = replace(self, delay_ms=delay_ms)
-        return replace(posed, log=None, times=np.array([]), sweeps=())
+        return replace(posed, log=None, sweeps=())
 
     @property
     def T_base_flange(self) -> ndarray:

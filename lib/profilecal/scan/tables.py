@@ -196,11 +196,6 @@ class Table:
         self.refuse(labels == "", "no pose label")
         return labels
 
-    def times(self) -> ndarray:
-        """The column `t` (rows,), s; NaN where there is none, or no number."""
-        times = np.array([*map(cell_number, self.text("t"))])
-        return np.where(np.isfinite(times), times, np.nan)
-
     def numbers(
         self, names: Iterable[str], blank: bool = False, largest: float = np.inf
     ) -> ndarray:

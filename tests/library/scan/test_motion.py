@@ -3,10 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from folders import assert_same, edited, removed, tabulated, written
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from simulated import scan_of
 
 import profilecal as pc
@@ -153,43 +152,13 @@ def test_mistakes_are_named(sentence, folder):
 
 def test_scans_of_several_delays_do_not_belong_together():
     scan = in_motion()
-    with pytest.raises(pc.ScanError, match="delay_ms of"):
+    with pytest.raises(pc.ScanError, match="delay_ms is None in one scan"):
         pc.calibrate([scan, replace(in_motion("plane"), delay_ms=3.0)])
 
 
-@pytest.mark.parametrize(("seconds", "asked"), [(0.02, True), (5.0, False)])
-def test_poses_a_moment_apart_are_asked_about(seconds, asked, tmp_path):
-    """Without a log: whether the robot stood still, only its user knows."""
-    scan = scan_of("edge", seed=3)
-    pc.write_scan(scan, tmp_path / "scan")
-    without_times = pc.calibrate(pc.read_scan(tmp_path / "scan"))
-    path = tmp_path / "scan" / "poses.csv"
-    rows = pd.read_csv(path)
-    rows.assign(t=seconds * np.arange(len(rows))).to_csv(path, index=False)
-    read = pc.read_scan(tmp_path / "scan")
-    found = pc.calibrate(read)
-    question = "were they recorded in motion?" in " ".join(found.messages)
-    assert question == asked
-    assert (found.status == "ok") != asked
-    assert_array_equal(found.pose, without_times.pose)
-
-
-@pytest.mark.parametrize("entries", [{}, {"motion": SWEEPS | {"stops": 2}}])
-def test_times_are_written_though_the_robot_has_an_angle_t(entries, tmp_path):
+def test_a_log_has_times_though_the_robot_has_an_angle_t(tmp_path):
     """The orientations become quaternions."""
-    scan = scan_of("edge", seed=3, **entries)
-    times = scan.times if entries else 0.1 * np.arange(len(scan.labels))
-    scan = replace(scan, times=times, convention="Kawasaki angles")
-    pc.write_scan(scan, tmp_path / "scan")
-    assert_same(pc.read_scan(tmp_path / "scan"), replace(scan, convention="quaternion"))
-
-
-def test_an_angle_t_is_no_time(tmp_path):
-    scan = scan_of("edge", seed=3)
-    pc.write_scan(scan, tmp_path / "scan")
-    path = tmp_path / "scan" / "poses.csv"
-    angles = from_rotations(named("Kawasaki angles"), scan.R_base_flange)
-    of_pose = dict(zip("oat", angles.T, strict=True))
-    places = pd.read_csv(path)[["pose", *"xyz"]]
-    places.assign(**of_pose).to_csv(path, index=False)
-    assert np.isnan(pc.read_scan(tmp_path / "scan").times).all()
+    scan = in_motion(motion=SWEEPS | {"stops": 2})
+    pc.write_scan(replace(scan, convention="Kawasaki angles"), tmp_path / "scan")
+    expected = replace(scan, convention="quaternion")
+    assert_same(pc.read_scan(tmp_path / "scan"), expected)
