@@ -146,25 +146,6 @@ def kawasaki(folder):
     write_lines(folder / "scan.as", lines)
 
 
-def mitsubishi(folder):
-    lines = ["10 MVS P1", "'P77=(1,2,3,4,5,6)(7,0)", "J1=(0,10,90,0,80,0)"]
-    rows = poses("FANUC angles")
-    lines += [f"P{k}=({text(row)})(7,0)" for k, row in enumerate(rows)]
-    write_lines(folder / "scan.prg", lines)
-
-
-def epson(folder):
-    """Points in one file, moves and tool in another."""
-    names, lines = ("rX", "rY", "rZ", "rU", "rV", "rW"), []
-    for k, row in enumerate(poses("KUKA angles")):
-        numbers = [
-            f"{name}={value:.12f}" for name, value in zip(names, row, strict=True)
-        ]
-        lines += [f"Point{k} {{", *numbers, "nLocal=0", "}"]
-    write_lines(folder / "robot.pts", lines)
-    write_lines(folder / "Main.prg", ["Function main", "  Tool 1", "  Go P0", "Fend"])
-
-
 def staubli(folder):
     names = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -182,19 +163,6 @@ def staubli(folder):
     lines += [value(k, row, "fPart[0]") for k, row in enumerate(rows)]
     lines += ["<!--", lines[-1], "-->", "</Data></Datas></Database>", ""]
     write_lines(folder / "scan.dtx", lines)
-
-
-def xarm(folder):
-    tool = text(numbers_of(TOOL, "FANUC angles"), ", ")
-    lines = ["class Robot:", f"  code = self._arm.set_tcp_offset([{tool}], wait=True)"]
-    lines.append(
-        "  code = self._arm.set_servo_angle(angle=[0.0, 1, 2, 3, 4, 5], speed=2)"
-    )
-    for k, row in enumerate(poses("FANUC angles", 1, matrices_of_poses() @ TOOL)):
-        numbers = text(row, ", ")
-        numbers = f"*[{numbers}]" if k % 2 else numbers
-        lines.append(f"  code = self._arm.set_position({numbers}, speed=5, wait=True)")
-    write_lines(folder / "scan.py", lines)
 
 
 def xml_log(folder):
@@ -393,29 +361,6 @@ def archives(folder):
         np.savez(folder / f"{k}.npz", profile=with_y(points), time=np.zeros((3, 2)))
 
 
-def codes(folder):
-    """Without names, with a column of numbers, one of intensities, and a code where
-    nothing was seen.
-    """
-    for k, points in enumerate(scan().values):
-        count = len(points)
-        filled = np.where(np.isnan(points), -999.0, points)
-        columns = [np.arange(count), filled, np.full(count, 80)]
-        np.savetxt(folder / f"s{k}.asc", np.column_stack(columns))
-
-
-def sections(folder):
-    """As Gocators have raw profiles: sections, a row of x and one of z for each."""
-    count = len(scan().values[0])
-    titles = ",".join(["Frame,Source,Time,Axis", *map(str, range(count))])
-    lines = ["Info", "Version,Rate,Layout", "2,100.0,0", "End", ""]
-    lines += ["RawProfile", "Count,X Offset", f"{len(scan().values)},0", titles]
-    for k, points in enumerate(scan().values, 1):
-        for axis, numbers in zip("XZ", points.T, strict=True):
-            lines.append(f"{k},0,{1000 + k},{axis},{text(numbers)}".replace("nan", ""))
-    (folder / "replay.csv").write_text("\r\n".join([*lines, "End", ""]))
-
-
 def surfaces(folder):
     """As Gocators have resampled profiles: z below the places along x."""
     for k, (x, z) in enumerate(points.T for points in scan().values):
@@ -432,14 +377,6 @@ def numbered_columns(folder):
     rows = [text(points.T.ravel()) for points in scan().values]
     rows = [row.replace("nan", "Invalid") for row in rows]
     write_lines(folder / "all.csv", [",".join(titles), *rows])
-
-
-def two_scanners(folder):
-    lines = ["shot;sensor;x;z"]
-    for k, points in enumerate(scan().values):
-        for sensor in "AB":
-            lines += [f"{k};{sensor};{text(point, ';')}" for point in points]
-    write_lines(folder / "all.csv", [line.replace("nan", "n.a.") for line in lines])
 
 
 def long_table(folder, name="scan_{:03d}"):
@@ -470,8 +407,8 @@ def point_clouds(folder, ending="ply"):
 
 
 POSES = (
-    *(kuka, abb, ur, fanuc, yaskawa, kawasaki, mitsubishi, staubli),
-    *(xarm, xml_log, nested, stamped, opencv, of_images, csv, tum, matrices, array),
+    *(kuka, abb, ur, fanuc, yaskawa, kawasaki, staubli),
+    *(xml_log, nested, stamped, opencv, of_images, csv, tum, matrices, array),
     *(of_flange_and_tool, stacked_matrices, by_columns, named_arrays, matlab, workbook),
 )
 IN_A_BASE = (abb, staubli)

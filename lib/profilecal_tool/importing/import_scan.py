@@ -16,7 +16,7 @@ from profilecal.scan.folder import NO_POSES, check_header, scan_of
 from profilecal.scan.motion import checked_log
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, listed, naming
-from profilecal_tool.importing.blocks import Block, counted
+from profilecal_tool.importing.blocks import Block, Part, counted
 from profilecal_tool.importing.pair_profiles import pair_profiles
 from profilecal_tool.importing.questions import Layout, Question, one_or_ask
 from profilecal_tool.importing.read_file import is_known, tables_in_file
@@ -58,26 +58,8 @@ def import_scan(
     folder, target = Path(folder), {"kind": kind} | sizes
     said = {"title": folder.resolve().name, "mount": layout.mount, "target": target}
     header, _ = check_header(folder, said)
-    sources = sources_in(folder, layout)
-    of_poses, of_profiles = sources_of_poses_and_profiles(folder, sources, layout)
-    beside = [block for source in sources.values() for block in source.first]
-    columns = {"tool", "base", *(c.name for block in beside for c in block.others)}
-    if layout.where and layout.where.lower().partition("=")[0] not in columns:
-        sentence = f"no rows where {layout.where}; the columns are"
-        raise ScanError(f"{folder}: {sentence} {listed(sorted(columns))}")
-    used = {*of_poses.paths, *of_profiles.paths, *(b.path for b in beside if b.robot)}
-    every = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    left_out = listed(path.name for path in every if path not in used) or "none"
-    taken = {"left out": left_out}
-    poses = robot_poses(of_poses.each(layout), layout)
-    in_one = of_poses is of_profiles and len(of_poses.paths) == 1
-    count = len(poses.block.table)
-    one_each, several = len(of_profiles.paths) > 1, 0 if in_one else count
-    profiles = of_profiles.each(layout)
-    names, values = read_profiles(profiles, one_each, several, layout, taken)
-    counts = [*map(len, values)]
-    if in_one and sum(counts) == count:  # of one table: the pose of the first row
-        poses = poses.at(np.cumsum([0, *counts[:-1]]))
+    taken = {}
+    poses, names, values, beside = read_folder(folder, layout, taken)
     poses, tool = of_one_tool(poses, beside, layout, taken)
     moves = (name for (name,) in said_in_program(poses, beside, "uses", ["name"]))
     rows, log, taken["matched"] = pair_profiles(poses, names, moves, layout)
@@ -98,6 +80,34 @@ def import_scan(
         values = [one if len(one) > 1 else one[:0] for one in values]
     entries = header | entries | {"measured": measured, "values": tuple(values)}
     return scan_of(folder, entries), taken
+
+
+def read_folder(
+    folder: Path, layout: Layout, taken: dict[str, str]
+) -> tuple[Part, list[str], list[ndarray], list[Block]]:
+    """The robot's poses; the names of the profiles, and their points; and what the
+    first files of each kind hold. Raises ScanError, Question.
+    """
+    sources = sources_in(folder, layout)
+    of_poses, of_profiles = sources_of_poses_and_profiles(folder, sources, layout)
+    beside = [block for source in sources.values() for block in source.first]
+    columns = {"tool", "base", *(c.name for block in beside for c in block.others)}
+    if layout.where and layout.where.lower().partition("=")[0] not in columns:
+        sentence = f"no rows where {layout.where}; the columns are"
+        raise ScanError(f"{folder}: {sentence} {listed(sorted(columns))}")
+    used = {*of_poses.paths, *of_profiles.paths, *(b.path for b in beside if b.robot)}
+    every = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    left_out = listed(path.name for path in every if path not in used)
+    taken["left out"] = left_out or "none"
+    poses = robot_poses(of_poses.each(layout), layout)
+    in_one = of_poses is of_profiles and len(of_poses.paths) == 1
+    rows, one_each = len(poses.block.table), len(of_profiles.paths) > 1
+    several, profiles = 0 if in_one else rows, of_profiles.each(layout)
+    names, values = read_profiles(profiles, one_each, several, layout, taken)
+    counts = [*map(len, values)]
+    if in_one and sum(counts) == rows:  # of one table: the pose of the first row
+        poses = poses.at(np.cumsum([0, *counts[:-1]]))
+    return poses, names, values, beside
 
 
 def sources_in(folder: Path, layout: Layout) -> dict[str, Source]:

@@ -174,7 +174,9 @@ def paired_by_time(poses: Part, names: Sequence[str]) -> Pairing | None:
     how = "by time"
     if len(t) > 2 * len(names):
         near, how = near & still, "by time, where the robot stands still"
-    how += f", up to {apart[near].max(initial=0):.2g} s apart"
+    if not near.any():
+        return None
+    how += f", up to {apart[near].max():.2g} s apart"
     return np.where(near, rows, -1), None, how
 
 

@@ -44,9 +44,10 @@ def poses_in(blocks: Iterable[Block], said: str) -> list[Part]:
     """The poses in the blocks of a file; `said`: titles from a user."""
     titles, found = said.split(","), []
     for block in blocks:
-        cells, is_matrix = block.table.to_numpy(), [*block.table] == [0, 1, 2, 3]
-        if is_matrix and len(cells) % 4 == 0 and (cells[3::4] == [0, 0, 0, 1]).all():
-            table = DataFrame(cells.reshape(-1, 16), block.table.index[::4])
+        rows = block.table
+        is_matrix = rows.shape[1] == 4 and len(rows) % 4 == 0
+        if is_matrix and (rows[3::4] == [0, 0, 0, 1]).all(axis=None):
+            table = DataFrame(rows.to_numpy().reshape(-1, 16), rows.index[::4])
             block = replace(block, table=table, titles=counted(16))
         if said and len(titles) != len(block.titles):
             continue

@@ -17,6 +17,12 @@ MARKS = b"#% \r\n"  # around titles
 BEGIN = 100_000  # characters that tell what a table is like
 HEAD = 50  # lines within which numbers begin
 EDGES = " \"'"  # of cells
+OPTIONS = {
+    "header": None,
+    "index_col": False,
+    "skipinitialspace": True,
+    "na_values": [*NOTHING, "Invalid", "INVALID", ".Nan", "-"],
+}
 
 
 def dialect(text: str) -> tuple[str | None, str]:
@@ -30,21 +36,29 @@ def dialect(text: str) -> tuple[str | None, str]:
     return mark, "," if has_commas else "."
 
 
-def measured(
+def runs_of_lines(
     path: Path, content: bytes, between: bytes | None
-) -> Iterator[tuple[int, int]]:
-    """The length of each line and the count of its fields: none of a blank line, nor of
-    a remark below others, which is no title.
+) -> list[tuple[int, int, int]]:
+    """The first line, the end, and the place of runs of lines of as many fields, of
+    which a blank line has none, nor a remark below others, which is no title.
     """
-    at_top = True
+
+    def measured() -> Iterator[tuple[int, int]]:
+        at_top = True
+        for line in watched(BytesIO(content), f"reading {path.name}", count):
+            cells = line.strip(MARKS)
+            if cells and line[0] not in b"#%":
+                at_top = False
+            elif not at_top:
+                cells = b""
+            yield len(line), len(cells.split(between)) if cells else 0
+
     count = content.count(b"\n")
-    for line in watched(BytesIO(content), f"reading {path.name}", count):
-        cells = line.strip(MARKS)
-        if cells and line[0] not in b"#%":
-            at_top = False
-        elif not at_top:
-            cells = b""
-        yield len(line), len(cells.split(between)) if cells else 0
+    lengths, fields = np.fromiter(measured(), np.dtype((np.int32, 2))).T
+    begins = np.flatnonzero(np.diff(fields, prepend=0))
+    places = (np.cumsum(lengths) - lengths)[begins]
+    runs = zip(begins, [*begins[1:], len(fields)], places, strict=True)
+    return [run for run in runs if fields[run[0]]]
 
 
 def row_where_numbers_begin(rows: list[list[str]], decimal: str) -> int | None:
@@ -68,18 +82,14 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     """
     mark, decimal = dialect(content[:BEGIN].decode(errors="ignore"))
     between = mark and mark.encode()
-    kind = np.dtype((np.int32, 2))
-    lengths, fields = np.fromiter(measured(path, content, between), kind).T
-    places = np.cumsum(lengths) - lengths
-    begins = np.flatnonzero(np.diff(fields, prepend=0))
     known, after = [], 0  # titles above, and where their table ends
-    for begin, end in zip(begins, [*begins[1:], len(fields)], strict=True):
+    for begin, end, place in runs_of_lines(path, content, between):
         stream = BytesIO(content)
-        stream.seek(places[begin])
-        lines = islice(stream, min(end - begin, HEAD))
-        cells = [line.strip(MARKS).split(between) for line in lines]
+        stream.seek(place)
+        lines = (line.strip(MARKS) for line in islice(stream, min(end - begin, HEAD)))
+        cells = [line.split(between) for line in lines]
         rows = [[c.decode(errors="ignore").strip(EDGES) for c in row] for row in cells]
-        first = row_where_numbers_begin(rows, decimal) if fields[begin] else None
+        first = row_where_numbers_begin(rows, decimal)
         if first is None:
             continue
         count = len(rows[0])
@@ -91,20 +101,16 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
             known, after = [known, *titled][-1], end
         titles = known if after == end else counted(count)
         labels = [column_titled(*one).role == "label" for one in enumerate(titles)]
-        stream.seek(places[begin])
+        stream.seek(place)
         table = pandas.read_csv(
             stream,
             sep=mark or r"\s+",
-            header=None,
+            decimal=decimal,
             names=range(count),
             nrows=end - begin - first,
             skiprows=first,
-            # as text: 1.10 is not 1.1
-            dtype=dict.fromkeys(np.flatnonzero(labels), "category"),
-            decimal=decimal,
-            na_values=[*NOTHING, "Invalid", "INVALID", ".Nan", "-"],
-            skipinitialspace=True,
-            index_col=False,
+            dtype=dict.fromkeys(np.flatnonzero(labels), str),  # 1.10 is not 1.1
+            **OPTIONS,
         )
         table.index += begin + first + 1
         yield Block(path, table, titles)
