@@ -115,14 +115,19 @@ def ball_study(
     counts = np.union1d(1, m)
     n = len(scans.R_tcp)
     q = np.empty((len(sigma_mm), len(counts), n, 3, trials))
+    circles, sides = scans.circles(counts[-1]), scans.sides(counts[-1])
 
     def run(setting: tuple, part: slice, stream: Generator) -> None:
-        """Fill in the centres that some trials see from one pose."""
+        """Fill in the centres that some trials see from one pose, means over arcs."""
         (pose,) = setting
         size = part.stop - part.start
-        q[:, :, pose, :, part] = mean_centres(
-            scans, pose, counts, sigma_mm, size, stream
-        )
+        total = np.zeros((len(sigma_mm), size, 3))
+        arcs = zip(circles[pose], sides[pose], strict=True)
+        for k, (circle, side) in enumerate(arcs, 1):
+            x = scans.x_seen(circle)
+            fitted = noisy_circles(circle, x, sigma_mm, size, stream)
+            total += scans.ball.centre_from_circle(fitted, side)
+            q[:, :, pose, :, part][:, counts == k] = (total / k).mT[:, None]
 
     in_chunks(run, (n,), trials, rng, workers)
     T_tcp = np.stack([scans.positions(k).mean(axis=1) for k in counts])
@@ -143,30 +148,6 @@ def ball_study(
                 moved @ scans.R_tcp[0],
             )
     return studies
-
-
-def mean_centres(
-    scans: BallScans,
-    pose: int,
-    counts: ArrayLike,
-    sigma_mm: ndarray,
-    size: int,
-    rng: Generator,
-) -> ndarray:
-    """Means (k, l, 3, size), mm, of the ball's centres, sensor frame, that circles
-    fitted to the first counts (l,) of a pose's noisy arcs give, for each sigma_mm (k,).
-    """
-    counts = np.asarray(counts)
-    arcs = int(counts.max())
-    circles = scans.circles(arcs)[pose]
-    sides = scans.sides(arcs)[pose]
-    means = np.empty((len(sigma_mm), len(counts), 3, size))
-    total = np.zeros((len(sigma_mm), size, 3))
-    for k, (circle, side) in enumerate(zip(circles, sides, strict=True), 1):
-        fitted = noisy_circles(circle, scans.x_seen(circle), sigma_mm, size, rng)
-        total += scans.ball.centre_from_circle(fitted, side)
-        means[:, counts == k] = (total / k).mT[:, None]
-    return means
 
 
 def noisy_circles(
