@@ -41,9 +41,9 @@ from profilecal.geometry.poses import Frames, directions, frame_around
 from profilecal.profiles.points import Feature, Profiles, in_order
 
 # of vectors in the sensor frame x, y and z, each an array (batch, 1 or points, poses)
-Components = Sequence[ndarray]
+Components = Sequence[ndarray] | ndarray
 # three of them, x, y and z of the target's frame
-Axes = Sequence[Components]
+Axes = Sequence[Components] | ndarray
 # what `residual` returns: residuals, forces and, if there are any, torques
 Linearised = tuple[list, list, Any]
 # what `fit` returns: origins (..., 3), axes (..., 3, 3), and lengths, each (...)
@@ -226,7 +226,7 @@ class Target:
         shape = seen[0].shape[:-1]
         centre, *directions = (v.reshape(-1, 3).T for v in seen)
         with np.errstate(divide="ignore", invalid="ignore"):
-            sight = Sight(centre, directions, (0.0, 0.0), self.measures)
+            sight = Sight(centre, directions, np.zeros(2), self.measures)
             (x, z, *_), _, _ = self.residual(sight)
         met = -np.stack([x, z]).T
         return met.reshape(*shape, *met.shape[1:])
@@ -237,7 +237,7 @@ class Target:
         it.
         """
         met = self.meet(rotation, origin)
-        return met.reshape(len(origin), self.points, 2)
+        return met if met.ndim > 2 else met[:, None]
 
     def sides(self, rotation: ndarray, origin: ndarray) -> ndarray:
         """The `side` (P,) that a scan folder states for scan planes (P, 3, 3), (P, 3);
