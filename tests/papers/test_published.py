@@ -35,17 +35,3 @@ def test_reach_finds_a_place_where_there_is_one_and_says_how_far_out_another_is(
     beyond = (PRINTED + np.array([0, 0, 5 * HALF])).sum(axis=0)
     assert BOX.reach(sums, beyond, near)[1] == pytest.approx(5, abs=1e-3)
     assert np.isinf(BOX.reach(lambda tables: 0 * sums(tables), target + 1, near)[1])
-
-
-def test_the_least_change_of_a_curved_value_is_found():
-    """Of all points at distance 5, the one reached by equal steps takes the smallest
-    largest step.
-    """
-    start, low = np.array([0.1, 0.2, 0.3, 0.4]), np.array([25.0])
-
-    def square(x):
-        return ((start + x) ** 2).sum(axis=-1)[..., None]
-
-    x, change = published.least_change(square, low, low + 1e-6, 4)
-    assert square(x) == pytest.approx(25, abs=2e-6)
-    assert change == pytest.approx(np.roots([4, 2, 0.3 - 25]).max(), rel=1e-4)
