@@ -341,6 +341,13 @@ def with_y(points):
     return np.insert(points, 1, 0.0, axis=1)
 
 
+def with_gaps(folder):
+    """Blank lines where nothing was seen."""
+    for k, points in enumerate(scan().values):
+        rows = ["" if np.isnan(point[1]) else text(point) for point in points]
+        write_lines(folder / f"s{k}.csv", ["x,z", *rows])
+
+
 def codes_in_um(folder):
     for k, points in enumerate(scan().values):
         rows = np.where(np.isnan(points), -999.999, points) * 1000
@@ -413,7 +420,7 @@ POSES = (
 )
 IN_A_BASE = (abb, staubli)
 PROFILES = (
-    *(one_each, codes_in_um, lists, archives, surfaces, numbered_columns),
+    *(one_each, with_gaps, codes_in_um, lists, archives, surfaces, numbered_columns),
     *(long_table, below, stacked),
 )
 

@@ -96,7 +96,7 @@ def read_folder(
         sentence = f"no rows where {layout.where}; the columns are"
         raise ScanError(f"{folder}: {sentence} {listed(sorted(columns))}")
     used = {*of_poses.paths, *of_profiles.paths, *(b.path for b in beside if b.robot)}
-    every = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    every = (path for source in sources.values() for path in source.paths)
     left_out = listed(path.name for path in every if path not in used)
     taken["left out"] = left_out or "none"
     poses = robot_poses(of_poses.each(layout), layout)

@@ -133,10 +133,10 @@ def read_profiles(
         tables = point_tables(blocks, layout)
         if not tables and any(len(block.table) > 1 for block in blocks):
             raise question_on_points(blocks)
-        if one_each and len(tables) != 1:
-            if tables:
-                raise ScanError(f"{path}: {len(tables)} tables of points; expected one")
-            counts.append(0)  # nothing was seen
+        if one_each and len(tables) > 1 and tables[0].block.is_bare:
+            sentence = f"{len(tables)} tables of points; expected one"
+            raise ScanError(f"{path}: {sentence}: give titles, or no blank lines")
+        before = len(counts)
         for points in tables:
             several = poses if len(tables) == 1 else 0
             labels = np.zeros(len(points.block.table))
@@ -148,6 +148,8 @@ def read_profiles(
             names += map(label_of, labels[begins])
             xz.append(points.numbers("xz", blank=True))
             units |= points.units("xz")
+        if one_each:  # nothing was seen, or a table goes on
+            counts[before:] = [sum(counts[before:])]
     if not xz:
         raise ScanError(f"{path}: no profiles in it")
     taken["columns"] = ",".join(
@@ -190,7 +192,7 @@ def check_one_section(points: Part, labels: ndarray) -> None:
         is_other = column in (x, z) or (is_y and column.owner != x.owner)
         if counts_points or is_other or each["nunique"].max() < 2:
             continue
-        values = sorted(cells.unique())
+        values = sorted(cells.dropna().unique())
         sentence = f"{block.path}: {column.name} is {values[0]} to {values[-1]}"
         if is_y and block.table[x.at].nunique() < 2:
             answer = f"{block.title(column.at)},{block.title(z.at)}"
