@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import linprog
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.observe import as_observations, observe
@@ -119,12 +120,19 @@ def model_of_scan(found: Calibration) -> tuple[ScanModel, Frames]:
 
 
 def scanner_of(scan: Scan, observed: Observations) -> Scanner:
-    """A scanner that sees 10 mm farther than this one was seen to see."""
+    """A scanner that sees 10 mm farther than this one was seen to see.
+
+    Its width changes evenly with the depth: of the fields of view that hold all points
+    it has the one that is narrowest in the middle.
+    """
     more_mm = 10
     points = observed.points[0].reshape(-1, 2)
     if scan.measured == "profiles":
         points = np.concatenate(scan.values)
     x, z = points[present(points)].T
     near, far = max(z.min() - more_mm, 1.0), z.max() + more_mm
-    width = 2 * (np.abs(x).max() + more_mm)
-    return Scanner(near=near, far=far, near_width=width, far_width=width)
+    share = (z - near) / (far - near)
+    # half the width, which is linear in z, is |x| or more
+    rows = np.stack([share - 1, -share], axis=1)
+    half = linprog([1, 1], rows, -np.abs(x)).x + more_mm
+    return Scanner(near=near, far=far, near_width=2 * half[0], far_width=2 * half[1])

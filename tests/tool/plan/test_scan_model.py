@@ -13,6 +13,7 @@ import profilecal as pc
 from profilecal.geometry.noise import Systematic
 from profilecal.joint.solve import solve
 from profilecal_tool.plan.candidates import draw
+from profilecal_tool.plan.knowledge import scanner_of
 from profilecal_tool.plan.scan_model import information, predict
 
 MEASURED = [*((kind, "profiles") for kind in KINDS), ("ball", "arcs")]
@@ -76,3 +77,14 @@ def test_a_face_is_seen_from_one_side_of_the_view_to_the_other():
     x, z = np.moveaxis(model.points_seen(*model.planes(R, T), 9), -1, 0)
     share = x / model.scanner.half_width(z)
     assert_allclose(share, np.broadcast_to(np.linspace(-0.9, 0.9, 9), share.shape))
+
+
+def test_a_scanner_is_believed_to_see_10_mm_more_to_each_side_than_it_did():
+    """Its rays fan out; near by it sees less to the sides."""
+    z = np.linspace(70, 150, 81)
+    ends = np.concatenate([[z / 4, z], [-z / 4, z], [0 * z, z]], axis=1).T
+    scan, model = scan_of("edge", measured="profiles"), model_for("edge")
+    scan = replace(scan, values=(ends,) * len(scan.values))
+    believed = scanner_of(scan, model.observed(*draw(model, 3, default_rng(5))))
+    assert (believed.near, believed.far) == (60, 160)
+    assert_allclose(believed.half_width(z), z / 4 + 10)
