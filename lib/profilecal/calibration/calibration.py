@@ -122,8 +122,8 @@ class Calibration:
     @property
     def covariance_mm_deg(self) -> ndarray:
         """(6, 6) of δ, a shift in mm and a rotation vector in degrees, both in the
-        sensor's frame, of the mount that the poses of the scans show: pose · exp(δ).
-        It serves near them. Raises UnobservableError.
+        sensor's frame, of the mount that the poses used show where they saw the target:
+        pose · exp(δ). It serves near them. Raises UnobservableError.
         """
         return in_mm_deg(self.known_solution.covariance)
 
