@@ -70,8 +70,9 @@ def systematic_tests(solution: Solution) -> list[Finding]:
         says = evidence(normal, model.precision[:n, :n], slice(n, None))
         corrections, sds = says.each()
         visible = sds**-2 > ABSORBED * np.diag(normal)[n:-1]
-    moves, allowed = (says.moves[:6] * corrections).T, poor_errors(solution)
-    every = zip(tried, corrections, corrections / sds, moves, strict=True)
+        clear, moves = corrections / sds, (says.moves[:6] * corrections).T
+    allowed = poor_errors(solution)
+    every = zip(tried, corrections, clear, moves, strict=True)
     return [
         Finding(*one, 1 - allowed.get(one[0], 0.0)) for one in compress(every, visible)
     ]
