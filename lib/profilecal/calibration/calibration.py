@@ -339,6 +339,7 @@ def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
     may pass for a move.
     """
     sizes = solution.error_sizes
+    mean, covariance = solution.known_of_all
     problem, prior = solution.problem, solution.prior
     shown = prior.scales.profile_mm if prior.source == "profiles" else solution.noise_mm
     frames = zip(scans, solution.state.placements, strict=True)
@@ -349,8 +350,8 @@ def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
         robot_errors["accuracy_deg"] = solution.noise.accuracy_deg
     return smooth | {
         "columns": column_names(problem, smooth=bool(smooth)),
-        "mean": np.r_[np.zeros(problem.n), sizes.mean[problem.n :]],
-        "covariance": sizes.covariance,
+        "mean": mean,
+        "covariance": covariance,
         "targets": [
             [scan.kind, scan.sizes, origin[0], axes[0]]
             for scan, (origin, axes) in frames

@@ -210,7 +210,7 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     _, _, origin, axes = joint.targets[alike[0]]
     T, placement = found.pose[None], (np.array([origin]), np.array([axes]))
     state = State(T[:, :3, :3], T[:, :3, 3], (placement,))
-    model = problem.model(state, [*noise.of_robot, *noise.smooth])
+    model = problem.model(state, [*noise.of_robot])
     names = column_names(problem, alike, bool(noise.smooth))
     return MountCheck(
         labels=tuple(scan.labels[i] for i in seen.poses),
@@ -229,7 +229,7 @@ def moves_after(
 
     With V = L Lᵀ, x = x̄ + L ξ, ξ ~ N(0, 1), r becomes r + A x̄ and A becomes A L.
     """
-    sizes = [1.0, *noise.of_robot.values(), *noise.smooth.values()]
+    sizes = [1.0, *noise.of_robot.values()]
     rest, _ = model.rest_of_kept
     normal = model.posterior(np.square([sizes])).products[0] - rest
     values, vectors = np.linalg.eigh(V)

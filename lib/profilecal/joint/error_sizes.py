@@ -57,7 +57,8 @@ class ErrorSizes:
     sizes: tuple[Size, ...]
     v: ndarray  # (1 + k,) the variances in their middle
     mean: ndarray  # (n,)
-    covariance: ndarray  # (n, n)
+    covariance: ndarray  # (n, n), enlarged
+    enlarged: float  # by this factor, for its region to hold over all sizes
     mean_v: ndarray  # (1 + k,) the variances' mean
     freedom: float  # with which all errors together are known, 100 mm from the flange
     poor: ndarray  # (n,) the chance that an error is POORER times the usual
@@ -249,7 +250,7 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     covariance = np.tensordot(w, draws.covariance, 1) + off.T * w @ off
     of_pose = off[:, :6]
     squares = draws.covariance[:, :6, :6] + of_pose[:, :, None] * of_pose[:, None]
-    covariance *= growth(squares, w)
+    enlarged = growth(squares, w)
 
     names = ("profile_mm", *model.names)
     units = np.r_[prior.scales.profile_mm, np.ones(len(model.names))]
@@ -275,7 +276,8 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
         sizes=tuple(sizes),
         v=middles**2,
         mean=mean,
-        covariance=covariance,
+        covariance=enlarged * covariance,
+        enlarged=enlarged,
         mean_v=w @ draws.v,
         freedom=freedom(draws.v @ (units * at_mm) ** 2, w),
         poor=w @ draws.poor,

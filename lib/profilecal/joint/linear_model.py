@@ -5,11 +5,11 @@ model; Henderson 1975):
 
 r are the residuals and A their derivatives, both over the scanner's noise. x are steps
 of the unknowns: the sensor pose, the targets, and systematic errors, which Π knows to
-be about zero (considered parameters; Schmidt 1966), as it knows the coefficients of the
-robot's smooth errors (`smooth`) over their size, the last of the s_k. u_k are errors of
-the flange, of size s_k in mm or degrees, that the profiles of one visit, commanded pose
-or orientation share; s_0 is the scanner's noise over the assumed one. With the
-variances v = s², M_0 = 1 and M_k = Z_k Z_kᵀ,
+be about zero (considered parameters; Schmidt 1966). u_k are errors of the flange, of
+size s_k in mm or degrees, that the profiles of one visit, commanded pose or orientation
+share, or the coefficients of the robot's smooth errors (`smooth`), which all share; s_0
+is the scanner's noise over the assumed one. With the variances v = s², M_0 = 1 and
+M_k = Z_k Z_kᵀ,
 
     C = Σ_k v_k M_k        H = Aᵀ C⁻¹ A + Π        V = H⁻¹        x̂ = -V Aᵀ C⁻¹ r
     P = C⁻¹ - C⁻¹ A V Aᵀ C⁻¹
@@ -51,6 +51,10 @@ share, for each column of Z, and Q their covariance, with T = 1 - K J,
     Zᵀ C⁻¹ Z = Σ |W_Z - W_E b|² + Σ |β|²
 
 The last line is a sum of squares: the shorter Σ Zᵀ D⁻¹ Z - Σ cᵀ K c loses digits.
+
+Smooth errors, by columns B, are the last to be integrated out, all at once: they stand
+among the columns, Z = [B | A | r], with the precision 1 / s² of their coefficients, and
+so before the others in a Cholesky factor.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -60,11 +64,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy import ndarray
-from scipy.linalg import block_diag
 
-from profilecal.geometry.noise import SMOOTH
 from profilecal.geometry.observability import HAND_PRECISION
-from profilecal.joint.nesting import Level, Nesting, nesting
+from profilecal.joint.nesting import Level, nesting
 from profilecal.joint.smooth import SmoothErrors
 from profilecal.targets.observations import PoseGroups
 
@@ -88,24 +90,25 @@ class Factors:
     each level of groups.
     """
 
-    nesting: Nesting
+    count: int  # of groups
     bundles: list[tuple[ndarray, ndarray]]
     log_det: ndarray  # (S,) log |C|
     roots: list[ndarray]  # (S, b, Q, q, q) L⁻¹ of D
     W_E: list[ndarray]  # (S, b, Q q, 6)
     nodes: list[Node]  # from coarse to fine
 
-    def solve(self, rows: Iterable[ndarray]) -> tuple[ndarray, list[ndarray]]:
-        """Zᵀ C⁻¹ Z (S, columns, columns), and of each bundle Lᵀ C⁻¹ Z (S, b, Q q,
-        columns), for its rows Z (b, Q, q, columns).
+    def solve(self, rows: Iterable[ndarray]) -> tuple[ndarray, ndarray]:
+        """Zᵀ C⁻¹ Z (S, columns, columns), and b (S, groups, 6, columns), for rows Z
+        (b, Q, q, columns) of each bundle.
         """
+        known = [*zip(self.bundles, self.W_E, strict=True)]
         left = []
-        for W_E, root, Z in zip(self.W_E, self.roots, rows, strict=True):
-            left.append((root @ Z).reshape(*W_E.shape[:3], -1))
-        S, columns = len(self.log_det), left[0].shape[-1]
-        b = np.zeros((S, self.nesting.count, self.W_E[0].shape[-1], columns))
+        for root, Z in zip(self.roots, rows, strict=True):
+            left.append((root @ Z).reshape(*root.shape[:2], -1, Z.shape[-1]))
+        S, *_, columns = left[0].shape
+        b = np.zeros((S, self.count, known[0][1].shape[-1], columns))
         c = np.zeros_like(b)
-        for (groups, _), W_E, W in zip(self.bundles, self.W_E, left, strict=True):
+        for ((groups, _), W_E), W in zip(known, left, strict=True):
             c[:, groups] += W_E.mT @ W
         for node in self.nodes[:0:-1]:
             beta = node.Ms @ c[:, node.level.groups]
@@ -117,43 +120,96 @@ class Factors:
             beta = node.Ms @ (c[:, groups] - node.J @ above)
             b[:, groups] = above + node.s * beta
             products += squares(beta)
-        for (groups, _), W_E, W in zip(self.bundles, self.W_E, left, strict=True):
+        for ((groups, _), W_E), W in zip(known, left, strict=True):
             W -= W_E @ b[:, groups]
             products += squares(W)
-        return products, left
+        return products, b
+
+    def covariances(self) -> ndarray:
+        """Q (groups, 6, 6), for one set of variances."""
+        axes = self.W_E[0].shape[-1]
+        Q = np.zeros((self.count, axes, axes))
+        for node in self.nodes:
+            K = (node.s * node.Ms)[0]
+            T = np.eye(axes) - K @ node.J[0]
+            Q[node.level.groups] = K + T @ Q[node.level.parents] @ T.mT
+        return Q
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """What is known of x for S sets of variances."""
+    """What is known of x for S sets of variances.
+
+    It follows from the products N = Zᵀ C⁻¹ Z, Z = [B | A | r] with m smooth errors, and
+    log |C|, these errors left out. L is the Cholesky factor of N, with the precisions
+    1 / s² and Π of both kinds of unknowns, B's columns times s. Its last row is y,
+    whatever large number stands in the corner. Of the rest of L and y, from m on,
+
+        H = L Lᵀ    x̂ = -L⁻ᵀ y    rᵀ P r = N_rr - Σ y²
+
+    and the restricted log likelihood (Patterson and Thompson 1971) is, but for a
+    constant, with all of L's diagonal,
+
+        -(rᵀ P r + log |C|) / 2 - Σ log L_ii
+    """
 
     v: ndarray  # (S, 1 + k)
-    # (S,) of the variances: the restricted log likelihood (Patterson and Thompson 1971)
-    log_evidence: ndarray
+    m: int
+    products: ndarray  # (S, m + n + 1, m + n + 1) N
+    precision: ndarray  # (n, n) Π
+    L: ndarray  # (S, m + n + 1, m + n + 1)
     square: ndarray  # (S,) rᵀ P r, the χ² of the residuals
-    products: ndarray  # (S, n + 1, n + 1) [A | r]ᵀ C⁻¹ [A | r]
-    H: ndarray  # (S, n, n) in the units
-    units: ndarray  # (S, n + 1) of x and r, in which Π is the precision
-    log_det: ndarray  # (S,) log |C|
-    # of the rows that speak of the flange, if there are any, for the last sets: C, and
-    # Lᵀ C⁻¹ [A | r] of each bundle
-    last: list[tuple[Factors, list[ndarray]]]
+    log_evidence: ndarray  # (S,) of the variances
+    # of the rows that speak of the flange, if there are any, for the last sets: C and b
+    last: list[tuple[Factors, ndarray]]
+
+    @cached_property
+    def root(self) -> ndarray:
+        """(S, n, n) L⁻¹ of x alone."""
+        return np.linalg.inv(self.L[:, self.m : -1, self.m : -1])
 
     @cached_property
     def covariance(self) -> ndarray:
         """(S, n, n) V."""
-        s = self.units[:, :-1, None]
-        return np.linalg.inv(self.H) * s * s.mT
+        return self.root.mT @ self.root
 
     @cached_property
     def mean(self) -> ndarray:
-        """(S, n) x̂ = -V N_Ar."""
-        return -(self.covariance @ self.products[:, :-1, -1:])[..., 0]
+        """(S, n) x̂."""
+        y = self.L[:, -1, self.m : -1, None]
+        return -(self.root.mT @ y)[..., 0]
 
     @property
     def normal(self) -> ndarray:
-        """(S, n + 1, n + 1) the products in these units."""
-        return self.products * self.units[:, :, None] * self.units[:, None]
+        """(S, n + 1, n + 1) N of [A | r], the smooth errors integrated out."""
+        L = self.L[:, self.m :, self.m :]
+        normal = L @ L.mT
+        normal[:, :-1, :-1] -= self.precision
+        normal[:, -1, -1] = self.square + np.sum(L[:, -1, :-1] ** 2, axis=1)
+        return normal
+
+    @cached_property
+    def whole(self) -> tuple[ndarray, ndarray]:
+        """Mean and covariance of the smooth errors' coefficients and of x (m + n), for
+        the first set of variances.
+        """
+        return self.with_smooth(self.mean[0], self.covariance[0])
+
+    def with_smooth(
+        self, mean: ndarray, covariance: ndarray
+    ) -> tuple[ndarray, ndarray]:
+        """The same where these are the mean and the covariance of x.
+
+        As of any other level, with J and c = N_B[A|r] of N, K = s (1 + s J s)⁻¹ s is
+        the covariance of the coefficients where x is known, and -K c [x; 1] their mean.
+        """
+        root = np.linalg.inv(self.L[0, : self.m, : self.m])
+        K = self.v[0, -1] * root.T @ root
+        X = -K @ self.products[0, : self.m, self.m :]
+        moves = np.concatenate([X[:, :-1], np.eye(len(mean))])
+        whole = moves @ covariance @ moves.T
+        whole[: self.m, : self.m] += K
+        return np.concatenate([X @ np.append(mean, 1.0), mean]), whole
 
 
 class LinearModel:
@@ -176,16 +232,16 @@ class LinearModel:
         of_mount: ndarray | float = 0.0,
         scanner: slice = slice(0),
         smooth: SmoothErrors | None = None,
-        tried: int = 0,
     ) -> None:
         """Of each profile, over the scanner's noise, with zeros where no residual is:
         the derivatives `by_flange` (profiles, K, 6), mm and rad, the `columns` [A | r]
         (profiles, K, n + 1), and how many residuals there are. `names` (k): the robot's
-        errors, entries of `Noise`. `precision` (n, n): Π. `clock`: the column of A that
-        is the derivative by the time of a profile, if any has one: its jitter acts
-        along it, as errors of the flange along E's other columns. `of_mount`, normal
-        equations (n + 1, n + 1): what is known of the sensor pose, beside the
-        residuals. `scanner`: the columns of its and the targets' systematic errors.
+        errors, entries of `Noise`; the last one is that of `smooth` errors, if these
+        are given. `precision` (n, n): Π. `clock`: the column of A that is the
+        derivative by the time of a profile, if any has one: its jitter acts along it,
+        as errors of the flange along E's other columns. `of_mount`, normal equations
+        (n + 1, n + 1): what is known of the sensor pose, beside the residuals.
+        `scanner`: the columns of its and the targets' systematic errors.
 
         An orthogonal change of a profile's K rows leaves the scanner's noise as it is.
         With the singular values s of the derivatives by the flange, F = U s Wᵀ, errors
@@ -200,6 +256,8 @@ class LinearModel:
         self.n = len(precision)
         self.counts = counts
         self.names = tuple(names)
+        self.smooth = smooth
+        self.m = smooth.count if smooth else 0
         F = by_flange * HAND_PRECISION
         U, s, Wt = np.linalg.svd(F, full_matrices=False)
         nonzero = s**2 > ROUNDING * s.max() ** 2
@@ -219,30 +277,14 @@ class LinearModel:
             "deg": [0, np.radians(1) ** 2, 0],
             "ms": [0, 0, 1e-6],
         }
-        fresh = [name for name in names if name != SMOOTH]
-        units = [[0, 0, 0], *(squares[name.rsplit("_")[-1]] for name in fresh)]
-        units += [[0, 0, 0]] * (len(names) - len(fresh))
+        fresh = names[:-1] if smooth else names
+        none = [[0, 0, 0]]  # of the scanner's noise, and of smooth errors
+        units = [squares[name.rsplit("_")[-1]] for name in fresh]
+        units = none + units + none * (len(names) - len(fresh))
         self.units = np.repeat(units, (3, 3, 1), axis=1)[:, : self.axes]
-        self.plain = np.arange(self.n + 1)  # the columns that residuals have
-        self.smooth = smooth if len(fresh) < len(names) else None
-        self.of_smooth = slice(self.n - tried, self.n - tried)  # their columns
-        if self.smooth:
-            self.add_smooth(self.smooth.count)
         numbers = [groups.sharing(name) for name in fresh]
         self.nesting = nesting(len(counts), numbers)
         self.kept = np.ones(len(counts), dtype=bool)
-
-    def add_smooth(self, count: int) -> None:
-        """Make room for the columns of smooth errors, before those of errors tried."""
-        n = self.of_smooth.start
-        self.of_smooth = slice(n, n + count)
-        self.n += count
-        self.plain = np.delete(np.arange(self.n + 1), self.of_smooth)
-        of_mount = np.zeros((self.n + 1, self.n + 1))
-        of_mount[np.ix_(self.plain, self.plain)] = self.of_mount
-        self.of_mount = of_mount
-        known = self.precision
-        self.precision = block_diag(known[:n, :n], np.eye(count), known[n:, n:])
 
     def keeping(self, kept: ndarray) -> "LinearModel":
         """The model of some of its profiles (profiles,) only."""
@@ -252,22 +294,54 @@ class LinearModel:
             vars(other).pop(name, None)
         return other
 
+    def with_errors(self, times: ndarray) -> "LinearModel":
+        """The same where errors may be so many times (n,) as large."""
+        other = copy(self)
+        other.precision = self.precision / (times[:, None] * times)
+        return other
+
+    def without_robot(self) -> "LinearModel":
+        """The same of a robot that errs smoothly or not at all, whose other variances
+        do not count: no residuals share anything.
+        """
+        other = copy(self)
+        products, _ = self.rest_of_kept
+        for Z in self.parts():
+            products = products + squares(Z[None])[0]
+        other.rest_of_kept = products, int(self.counts[self.kept].sum())
+        other.bundles = []
+        return other
+
     @cached_property
     def rows(self) -> ndarray:
-        """[E | A | r] (profiles + 1, q, 6 + n + 1), zeros in the last, which is of no
-        profile.
+        """[E | B | A | r] (profiles + 1, q, 6 + m + n + 1), zeros in the last, which is
+        of no profile.
         """
-        a = self.axes
-        rows = np.zeros((len(self.E) + 1, self.q, a + self.n + 1))
-        rows[:-1, :, :a] = self.E
-        rows[:-1, :, a + self.plain] = self.Y
+        of_smooth = slice(self.axes, self.axes + self.m)
+        rows = np.zeros((len(self.E) + 1, self.q, of_smooth.stop + self.n + 1))
+        rows[:-1, :, : self.axes] = self.E
+        rows[:-1, :, of_smooth.stop :] = self.Y
         if self.smooth:
             smooth = self.smooth
             if not self.kept.all():
                 smooth = smooth.keeping(self.kept)
-            of_smooth = slice(a + self.of_smooth.start, a + self.of_smooth.stop)
             rows[:-1, :, of_smooth] = self.E[..., :6] @ smooth.left
         return rows
+
+    @property
+    def at_once(self) -> int:
+        """So many profiles have as many numbers as a cache holds."""
+        return AT_ONCE // (self.q * self.rows.shape[2])
+
+    @cached_property
+    def bundles(self) -> list[tuple[ndarray, ndarray]]:
+        """Of the profiles kept, as `Nesting.bundles` has them."""
+        return self.nesting.bundles(self.kept, max(1, self.at_once))
+
+    def parts(self) -> Iterator[ndarray]:
+        """[B | A | r] of each bundle, (b, Q, q, m + n + 1)."""
+        for _, profiles in self.bundles:
+            yield self.rows[profiles][..., self.axes :]
 
     @cached_property
     def own_parts(self) -> ndarray:
@@ -286,48 +360,18 @@ class LinearModel:
         return np.concatenate([[0], *(errors for errors, _ in self.nesting.own)])
 
     @cached_property
-    def bundles(self) -> list[tuple[ndarray, ndarray]]:
-        """Of the profiles kept, as `Nesting.bundles` has them."""
-        numbers = self.q * (self.axes + self.n + 1)
-        return self.nesting.bundles(self.kept, max(1, AT_ONCE // numbers))
-
-    def with_errors(self, times: ndarray) -> "LinearModel":
-        """The same where errors may be so many times (n,) as large."""
-        other = copy(self)
-        other.precision = self.precision / (times[:, None] * times)
-        return other
-
-    def without_robot(self) -> "LinearModel":
-        """The same of a robot that errs smoothly or not at all, whose other variances
-        do not count: no residuals share anything.
-        """
-        other = copy(self)
-        products, _ = self.rest_of_kept
-        for rows in self.parts(slice(self.axes, None)):
-            products = products + squares(rows[None])[0]
-        other.rest_of_kept = products, int(self.counts[self.kept].sum())
-        other.bundles = []
-        return other
-
-    def parts(self, columns: slice) -> Iterator[ndarray]:
-        """Columns of the rows of each bundle, (b, Q, q, columns)."""
-        for _, profiles in self.bundles:
-            yield self.rows[profiles][..., columns]
-
-    @cached_property
     def rest_of_kept(self) -> tuple[ndarray, int]:
-        """The products (n + 1, n + 1) of all that no error of the flange moves, and how
-        many residuals it is. Rows of zeros count among the others and are taken off
-        here.
+        """The products (m + n + 1, m + n + 1) of all that no error of the flange moves,
+        and how many residuals it is. Rows of zeros count among the others and are taken
+        off here.
         """
         rows = self.q * sum(profiles.size for _, profiles in self.bundles)
-        products = np.zeros((self.n + 1, self.n + 1))
-        plain = np.ix_(self.plain, self.plain)
-        products[plain] = squares(self.rest[None, self.kept])[0]
+        products = np.zeros((self.m + self.n + 1,) * 2)
+        products[self.m :, self.m :] = squares(self.rest[None, self.kept])[0]
         return products, int(self.counts[self.kept].sum()) - rows
 
     def factors(self, v: ndarray) -> Factors:
-        """C of the rows for variances v (S, 1 + k)."""
+        """C of the rows for variances v (S, 1 + k), without smooth errors."""
         S, a = len(v), self.axes
         J = np.zeros((S, self.nesting.count, a, a))
         log_det = np.zeros(S)
@@ -353,55 +397,42 @@ class LinearModel:
             nodes.append(Node(level, of_level, s, Ms))
             if level is not self.nesting.levels[0]:
                 level.add_to_parents(J, Ms @ of_level / s)
-        bundles = self.bundles
-        return Factors(self.nesting, bundles, log_det, roots, all_W_E, nodes[::-1])
+        known = self.nesting.count, self.bundles
+        return Factors(*known, log_det, roots, all_W_E, nodes[::-1])
 
     def posterior(self, v: ndarray) -> Posterior:
         """What is known of x for variances v (S, 1 + k), the scanner's first."""
-        v0 = v[:, 0]
+        m, v0 = self.m, v[:, 0]
         rest, count = self.rest_of_kept
-        N = rest / v0[:, None, None] + self.of_mount
+        N = rest / v0[:, None, None]
+        N[:, m:, m:] += self.of_mount
         log_det = count * np.log(v0)
-        numbers = sum(profiles.size for _, profiles in self.bundles)
-        numbers *= self.q * (self.axes + self.n + 1)
-        some = max(1, AT_ONCE // max(1, numbers))
+        profiles = sum(profiles.size for _, profiles in self.bundles)
+        some = max(1, self.at_once // max(1, profiles))
         last = []
         for start in range(0, len(v) * bool(self.bundles), some):
             part = slice(start, start + some)
             factors = self.factors(v[part])
-            products, left = factors.solve(self.parts(slice(self.axes, None)))
+            products, b = factors.solve(self.parts())
             N[part] += products
             log_det[part] += factors.log_det
-            last = [(factors, left)]
-        return self.by_products(v, N, log_det, last)
+            last = [(factors, b)]
 
-    def by_products(
-        self, v: ndarray, N: ndarray, log_det: ndarray, last: list
-    ) -> Posterior:
-        """All follows from the products N = [A | r]ᵀ C⁻¹ [A | r] (S, n + 1, n + 1) and
-        log |C| (S,). With N's parts N_AA, N_Ar and N_rr,
-
-            H = N_AA + Π = L Lᵀ      y = L⁻¹ N_Ar      rᵀ P r = N_rr - yᵀ y
-
-        and the restricted log likelihood is, but for a constant,
-
-            -(rᵀ P r + log |C| + log |H|) / 2
-
-        Both L and y are parts of the Cholesky factor of H bordered by N_Ar, whatever
-        large number stands in its corner.
-        """
-        n = self.n
-        units = self.units_of(v)
-        H = N * units[:, :, None] * units[:, None]
-        H[:, :n, :n] += self.precision
-        H *= 1 + ROUNDING * np.eye(n + 1)
-        square = H[:, n, n].copy()
-        H[:, n, n] = 2 * square + 1.0
+        H = N.copy()
+        s = np.sqrt(v[:, -1, None, None])
+        H[:, :m] *= s
+        H[:, :, :m] *= s
+        H[:, m:-1, m:-1] += self.precision
+        diagonal = np.einsum("sii->si", H)
+        diagonal[:, :m] += 1.0
+        diagonal *= 1 + ROUNDING
+        square = diagonal[:, -1].copy()
+        diagonal[:, -1] += square + 1.0
         L = np.linalg.cholesky(H)
-        square -= np.sum(L[:, n, :n] ** 2, axis=1)
-        of_H = 2 * np.log(np.einsum("sii->si", L)[:, :n]).sum(axis=1)
-        log_evidence = -(square + log_det + of_H) / 2
-        return Posterior(v, log_evidence, square, N, H[:, :n, :n], units, log_det, last)
+        square -= np.sum(L[:, -1, :-1] ** 2, axis=1)
+        roots = np.einsum("sii->si", L)[:, :-1]
+        log_evidence = -(square + log_det) / 2 - np.log(roots).sum(axis=1)
+        return Posterior(v, m, N, self.precision, L, square, log_evidence, last)
 
     def rescaled(
         self, posterior: Posterior, times: ndarray
@@ -435,29 +466,30 @@ class LinearModel:
             ∂L/∂v_k = -(tr P M_k - wᵀ M_k w) / 2
             I = Fᵀ P F / 2 = (Fᵀ C⁻¹ F - (Aᵀ C⁻¹ F)ᵀ V (Aᵀ C⁻¹ F)) / 2
 
-        For smooth errors I_kk is the curvature itself, wᵀ M P M w - tr(P M P M) / 2.
+        P is the same where the smooth errors' coefficients count as unknowns: here they
+        do, and C is without them. For their size, I_kk is the curvature itself,
+        wᵀ M P M w - tr(P M P M) / 2.
         """
-        n, v = self.n, posterior.v
-        V = posterior.covariance[0]
-        x = np.append(posterior.mean[0], 1.0)
-        k = v.shape[1]
+        m, v0, k = self.m, posterior.v[0, 0], posterior.v.shape[1]
+        x, V = posterior.whole
+        z = np.append(x, 1.0)
         rest, count = self.rest_of_kept
-        square = x @ rest @ x
+        square = z @ rest @ z
         slope = np.zeros(k)  # tr P M_k - wᵀ M_k w
-        slope[0] = count / v[0, 0] - (square + np.sum(V * rest[:n, :n])) / v[0, 0] ** 2
+        slope[0] = count / v0 - (square + np.sum(V * rest[:-1, :-1])) / v0**2
         within = np.zeros((k, k))  # Fᵀ C⁻¹ F
-        within[0, 0] = square / v[0, 0] ** 3
-        across = np.zeros((n, k))  # Aᵀ C⁻¹ F
-        across[:, 0] = rest[:n] @ x / v[0, 0] ** 2
+        within[0, 0] = square / v0**3
+        across = np.zeros((len(x), k))  # Aᵀ C⁻¹ F
+        across[:, 0] = rest[:-1] @ z / v0**2
         if posterior.last:
             self.add_rows(posterior, slope, within, across)
         if self.smooth:
-            N = posterior.products[0]
-            N_A, f = N[self.of_smooth, :n], N[self.of_smooth] @ x
-            P = N_A[:, self.of_smooth] - N_A @ V @ N_A.T
+            N = posterior.products[0, :m]
+            f = N @ z
+            P = N[:, :m] - N[:, :-1] @ V @ N[:, :-1].T
             slope[-1] = np.trace(P) - f @ f
-            across[:, -1] = N_A.T @ f
-            within[-1] = within[:, -1] = f @ across[self.of_smooth]
+            across[:, -1] = f @ N[:, :-1]
+            within[-1] = within[:, -1] = f @ across[:m]
         information = (within - across.T @ V @ across) / 2
         if self.smooth:
             information[-1, -1] += f @ P @ f / 2 - np.sum(P**2) / 2
@@ -467,67 +499,58 @@ class LinearModel:
         self, posterior: Posterior, slope: ndarray, within: ndarray, across: ndarray
     ) -> None:
         """Add what the rows that speak of the flange say, as in `gradient`."""
-        n, a, V, k = self.n, self.axes, posterior.covariance[0], len(slope)
+        a, k = self.axes, len(slope)
         ((factors, _),) = posterior.last
-        sums = np.zeros((1, self.nesting.count, a, n + 1))  # Σ E_iᵀ [C⁻¹ A | w]
-        of_bundles = []
+        _, V = posterior.whole
+        sums = np.zeros((1, self.nesting.count, a, len(V) + 1))  # Σ E_iᵀ [C⁻¹ A | w]
+        moved = []
         for (groups, profiles), P, CA, w in self.precisions(posterior):
             parts = self.own_parts[:, profiles]
             less = P - w[..., None] * w[..., None, :]
             slope[self.of_own] += np.tensordot(parts, less, 4)
             F = np.zeros((*w.shape, k))  # M_k w
             F[..., self.of_own] = np.moveaxis((parts @ w[..., None])[..., 0], 0, -1)
-            E = self.rows[profiles, :, :a]
+            E = self.rows[profiles, :, :a].reshape(len(groups), -1, a)
             both = np.concatenate([CA, w[..., None]], axis=-1)
-            flat = (part.reshape(len(groups), -1, part.shape[-1]) for part in (E, both))
-            E_flat, both = flat
-            sums[0, groups] += E_flat.mT @ both
-            of_bundles.append((groups, E, CA, F))
+            sums[0, groups] += E.mT @ both.reshape(len(groups), -1, len(V) + 1)
+            across += CA.reshape(-1, len(V)).T @ F.reshape(-1, k)
+            moved.append(F)
         for node in factors.nodes[:0:-1]:
             node.level.add_to_parents(sums, sums[:, node.level.groups])
-        all_Q = self.covariances_of_shared(factors)
+        Q = factors.covariances()
         moves = np.zeros((self.nesting.count, a, k))
         for node in factors.nodes:
             level, J = node.level, node.J[0]
             units = self.units[level.errors]
-            EA, f = np.split(sums[0, level.groups], [n], axis=2)
-            EPE = J - J @ all_Q[level.groups] @ J - EA @ V @ EA.mT
+            EA, f = np.split(sums[0, level.groups], [-1], axis=2)
+            EPE = J - J @ Q[level.groups] @ J - EA @ V @ EA.mT
             diagonal = np.einsum("gjj->j", EPE) - np.sum(f**2, axis=(0, 2))
             slope[level.errors] += units @ diagonal
+            by_unit = f * units.T
+            across[:, level.errors] += np.tensordot(EA, by_unit, ((0, 1), (0, 1)))
             moves[level.groups] = moves[level.parents]
-            moves[level.groups, :, level.errors] = f * units.T
-        rows = []
-        for groups, E, CA, F in of_bundles:
-            F += E @ moves[groups, None]
-            across += CA.reshape(-1, n).T @ F.reshape(-1, k)
-            rows.append(F)
-        within += factors.solve(rows)[0][0]
+            moves[level.groups, :, level.errors] = by_unit
+        for (groups, profiles), F in zip(self.bundles, moved, strict=True):
+            F += self.rows[profiles, :, :a] @ moves[groups, None]
+        within += factors.solve(moved)[0][0]
 
     def precisions(
         self, posterior: Posterior
     ) -> Iterator[tuple[tuple[ndarray, ndarray], ndarray, ndarray, ndarray]]:
-        """Of each bundle: it; P_ii (b, Q, q, q), C⁻¹ A (b, Q, q, n) and w = P r (b, Q,
-        q) of the rows of its profiles, for one set of variances.
+        """Of each bundle: it; P_ii (b, Q, q, q), C⁻¹ [B | A] (b, Q, q, m + n) and w =
+        P r (b, Q, q) of the rows of its profiles, for one set of variances.
         """
-        ((factors, left),) = posterior.last
-        V, x = posterior.covariance[0], np.append(posterior.mean[0], 1.0)
-        Q = self.covariances_of_shared(factors)
-        known = factors.bundles, factors.roots, factors.W_E, left
-        for bundle, (root, *_), (W_E, *_), (rows, *_) in zip(*known, strict=True):
+        ((factors, (b,)),) = posterior.last
+        x, V = posterior.whole
+        Q = factors.covariances()
+        known = factors.bundles, factors.roots, factors.W_E, self.parts()
+        for bundle, (root, *_), (W_E, *_), Z in zip(*known, strict=True):
             W_E = W_E.reshape(*root.shape[:-1], -1)
             inside = np.eye(self.q) - W_E @ Q[bundle[0], None] @ W_E.mT
-            X = root.mT @ rows.reshape(*root.shape[:-1], -1)
+            X = root.mT @ (root @ Z - W_E @ b[bundle[0], None])
             CA = X[..., :-1]
-            yield bundle, root.mT @ inside @ root - CA @ V @ CA.mT, CA, X @ x
-
-    def covariances_of_shared(self, factors: Factors) -> ndarray:
-        """Q (groups, 6, 6), for one set of variances."""
-        Q = np.zeros((self.nesting.count, self.axes, self.axes))
-        for node in factors.nodes:
-            K = (node.s * node.Ms)[0]
-            T = np.eye(self.axes) - K @ node.J[0]
-            Q[node.level.groups] = K + T @ Q[node.level.parents] @ T.mT
-        return Q
+            w = X @ np.append(x, 1.0)
+            yield bundle, root.mT @ inside @ root - CA @ V @ CA.mT, CA, w
 
     def own(self, v: ndarray) -> ndarray:
         """Covariances (profiles, q, q) of the rows of each profile by itself, for
@@ -537,21 +560,10 @@ class LinearModel:
 
     def alone(self, v: ndarray) -> ndarray:
         """What each profile by itself says of the unknowns, (profiles, n + 1, n + 1):
-        [A | r]ᵀ C⁻¹ [A | r], in the posterior's units.
+        [A | r]ᵀ C⁻¹ [A | r], of a robot without smooth errors of unknown size.
         """
-        Y = self.rows[:-1, :, self.axes :]
-        whole = Y.mT @ np.linalg.solve(self.own(v), Y)
-        plain = np.ix_(range(len(whole)), self.plain, self.plain)
-        whole[plain] += self.rest.mT @ self.rest / v[0]
-        units = self.units_of(v[None])[0]
-        return whole * units[:, None] * units
-
-    def units_of(self, v: ndarray) -> ndarray:
-        """(S, n + 1) in which Π is the precision of x, for variances v (S, 1 + k)."""
-        units = np.ones((len(v), self.n + 1))
-        if self.smooth:
-            units[:, self.of_smooth] = np.sqrt(v[:, -1:])
-        return units
+        by_rows = self.Y.mT @ np.linalg.solve(self.own(v), self.Y)
+        return by_rows + self.rest.mT @ self.rest / v[0]
 
     def left_out(self, posterior: Posterior) -> tuple[ndarray, ndarray]:
         """How far the rows of each profile (profiles, q) are from what all other
@@ -562,10 +574,11 @@ class LinearModel:
         a Gaussian of precision P, given the rest of it (Christensen, Pearson and
         Johnson 1992).
         """
-        Y = self.rows[:-1, :, self.axes :]
-        A = Y[:, :, : self.n]
-        errors = Y @ np.append(posterior.mean[0], 1.0)
-        covariances = self.own(posterior.v[0]) + A @ posterior.covariance[0] @ A.mT
+        x, V = posterior.whole
+        Z = self.rows[:-1, :, self.axes :]
+        A = Z[..., :-1]
+        errors = Z @ np.append(x, 1.0)
+        covariances = self.own(posterior.v[0]) + A @ V @ A.mT
         if posterior.last:
             for (_, profiles), P, _, w in self.precisions(posterior):
                 real = profiles >= 0

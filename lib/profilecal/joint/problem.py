@@ -226,8 +226,10 @@ class Problem:
         columns: Sequence[ndarray] | None = None,
     ) -> LinearModel:
         """The linear model at a state, a batch of one, with errors of the robot of
-        these `names`, entries of `Noise`. Of the errors `tried` nothing is known
-        beforehand. `columns`: as `columns_in_mm` has them, if known.
+        these `names`, entries of `Noise`. Smooth errors that are not among them are
+        known to be as large as the noise says: their coefficients count among the
+        unknowns. Of the errors `tried` nothing is known beforehand. `columns`: as
+        `columns_in_mm` has them, if known.
         """
         columns = columns or self.columns_in_mm(state, tried)
         # (profiles, K, n + c + d + 7), with zeros where a target has fewer residuals
@@ -240,9 +242,17 @@ class Problem:
             np.power([*self.considered.values()], -2.0),
             np.full(len(tried), NOTHING_KNOWN),
         ]
+        by_flange, columns = whole[..., FLANGE], whole[..., : FLANGE.start]
+        smooth, accuracy_mm = None, self.noise.accuracy_mm
+        if SMOOTH in names:
+            smooth = self.smooth(state)
+        elif accuracy_mm:
+            B = by_flange @ self.smooth(state).left
+            columns = np.concatenate([columns[..., :-1], B, columns[..., -1:]], axis=2)
+            precision = np.append(precision, np.full(B.shape[2], accuracy_mm**-2.0))
         return LinearModel(
-            whole[..., FLANGE],
-            whole[..., : FLANGE.start],
+            by_flange,
+            columns,
             self.counts,
             self.groups,
             names,
@@ -250,8 +260,7 @@ class Problem:
             self.clock,
             self.of_mount(state, len(precision))[0],
             slice(self.n, self.n + sum(bool(one.prior) for one in self.considered)),
-            self.smooth(state) if SMOOTH in names else None,
-            len(tried),
+            smooth,
         )
 
     def rms_mm(

@@ -94,6 +94,21 @@ class Solution:
         return model, model.posterior(self.error_sizes.v[None])
 
     @property
+    def known_of_all(self) -> tuple[ndarray, ndarray]:
+        """What is known of all columns: mean and covariance of the unknowns, which are
+        at their mean, of the errors considered, and of the coefficients of smooth
+        errors.
+        """
+        sizes, n = self.error_sizes, self.problem.n
+        posterior = self.model()[0].posterior(sizes.mean_v[None])
+        mean = np.append(np.zeros(n), sizes.mean[n:])
+        covariance = sizes.covariance / sizes.enlarged
+        mean, covariance = posterior.with_smooth(mean, covariance)
+        last = -posterior.m  # smooth errors
+        covariance = np.roll(sizes.enlarged * covariance, (last, last), (0, 1))
+        return np.roll(mean, last), covariance
+
+    @property
     def delay_s(self) -> float | None:
         """The robot's clock less the scanner's; None where nothing moved."""
         moving = [entry for entry in self.problem.observations if entry.moving.any()]

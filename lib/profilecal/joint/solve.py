@@ -303,7 +303,7 @@ def squares(
     """
     of_flange = normalised_square(covariances, errors)
     # what is below zero is rounding
-    rest = model.rest @ x[model.plain]
+    rest = model.rest @ x
     return np.maximum(of_flange, 0), np.sum(rest**2, axis=1) / v
 
 

@@ -138,7 +138,6 @@ class ScanModel(Setup):
         sizes = self.noise.of_robot
         if problem.clock is not None:
             sizes |= {"jitter_ms": self.noise.jitter_ms}
-        sizes |= self.noise.smooth
         variances = np.array([1.0, *sizes.values()]) ** 2
         return problem, problem.model(self.state, list(sizes)), variances
 
