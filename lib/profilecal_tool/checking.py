@@ -9,8 +9,8 @@ from profilecal.calibration.observe import as_observations, observe
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.observability import LEAST_TURN_DEG, name_axis, turns
-from profilecal.joint.delay import unexplained
 from profilecal.joint.problem import Problem
+from profilecal.joint.smooth import shifting
 from profilecal.joint.solve import check_enough
 from profilecal.scan.scan import Scan
 from profilecal.targets.observations import Observations
@@ -55,11 +55,29 @@ def lines_on_motion(scan: Scan, observed: Observations) -> list[str]:
 
 
 def what_motions_tell(observed: Observations) -> str:
-    """Whether motions determine the delay between two clocks, in words."""
-    left = unexplained(observed)
-    if left["both"] > OPEN:
+    """Whether motions determine the delay between two clocks, in words.
+
+    What is left of the flange's twists if they are those of one screw in the base,
+    which moves the target, or of one in the flange besides: root mean squares over that
+    of all. Where little is left, a delay is hidden.
+
+    The screw (v, ω) of the base is a twist (Rᵀ (v + ω × p), Rᵀ ω) along the flange's
+    axes. Turns count as what they move 100 mm away.
+    """
+    R, p = observed.R_flange[0], observed.T_flange[0]
+    of_base = np.kron(np.eye(2), R.mT) @ shifting(p)
+    of_flange = np.broadcast_to(np.eye(6), of_base.shape)
+    in_mm = np.repeat([1.0, 100.0], 3)
+    twists = (observed.twist * in_mm).ravel()
+    left = []
+    for columns in (of_base, np.concatenate([of_base, of_flange], axis=2)):
+        rows = (columns * in_mm[:, None]).reshape(len(twists), -1)
+        rows = rows / np.linalg.norm(rows, axis=0)
+        screws = np.linalg.lstsq(rows, twists, rcond=1e-9)[0]
+        left.append(np.linalg.norm(twists - rows @ screws) / np.linalg.norm(twists))
+    if left[1] > OPEN:
         return "these motions determine it"
-    if left["target"] < OPEN:
+    if left[0] < OPEN:
         return "these motions leave it open; it shifts the target, not the sensor"
     return (
         "these motions leave it open, and the sensor's pose with it: the scanner goes "

@@ -231,7 +231,7 @@ def moves_after(
     """
     sizes = [1.0, *noise.of_robot.values()]
     rest, _ = model.rest_of_kept
-    normal = model.posterior(np.square([sizes])).products[0] - rest
+    normal = model.posterior(np.square([sizes])).products - rest
     values, vectors = np.linalg.eigh(V)
     L = vectors * np.sqrt(np.maximum(values, 0))
     pick = np.eye(model.n + 1, model.n)  # A, of the columns [A | r]

@@ -6,7 +6,6 @@ unknown, tested by Rao's score. Contradictions, many rejected poses and a misfit
 than noise speak against a solution too.
 """
 
-import re
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import compress
@@ -29,7 +28,6 @@ MUCH = 3.0
 SHADOW = 0.8
 # of an error's own pattern: less is left of it beside the unknowns than rounding
 ABSORBED = 1e-9
-EITHER_WAY = re.compile(r"\[(.*?)\|(.*?)\]")  # words for a positive and a negative size
 ADVICE = (
     "check the mount, units and convention of the poses, which pose each profile "
     "belongs to, x and z of the profiles, the radius"
@@ -55,9 +53,9 @@ class Finding:
     @property
     def words(self) -> str:
         """The error with its size, in its own unit, the opposite of its correction."""
-        way = r"\1" if self.correction < 0 else r"\2"
         size = brief(self.error.unit * abs(self.correction))
-        return EITHER_WAY.sub(way, self.error.words).format(size)
+        sign = self.error.signs[int(self.correction > 0)]
+        return self.error.words.format(sign, size)
 
 
 def systematic_tests(solution: Solution) -> list[Finding]:
@@ -80,15 +78,18 @@ def systematic_tests(solution: Solution) -> list[Finding]:
 
 def robot_patterns() -> list[Perturbation]:
     """Scales of the positions, drifts."""
-    far = "were too [far apart|close together] by {} %"
-    errors = [Perturbation(f"the robot's positions {far}", 100, positions=off_middle)]
-    drift = "the robot or the target drifted along the base's [{0}|-{0}] by {{}} mm"
+    far, signs = "were too {} by {} %", ("far apart", "close together")
+    all_scaled = f"the robot's positions {far}"
+    errors = [Perturbation(all_scaled, 100, signs, positions=off_middle)]
+    drift = "the robot or the target drifted along the base's {} by {} mm"
     for axis, direction in zip("xyz", np.eye(3), strict=True):
-        scale = f"the robot's positions along the base's {axis} {far}"
         scaled = partial(off_middle, along=direction)
         drifting = partial(drifted, along=direction)
-        errors.append(Perturbation(scale, 100, positions=scaled))
-        errors.append(Perturbation(drift.format(axis), 1, positions=drifting))
+        scale = f"the robot's positions along the base's {axis} {far}"
+        errors += [
+            Perturbation(scale, 100, signs, positions=scaled),
+            Perturbation(drift, 1, (axis, f"-{axis}"), positions=drifting),
+        ]
     return errors
 
 

@@ -155,10 +155,11 @@ def in_base(
 
 def frame_around(axis: ArrayLike) -> ndarray:
     """Frames (..., 3, 3), in columns, whose z is the unit vector `axis` (..., 3)."""
-    z = np.asarray(axis, dtype=float)
-    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z), axis=-1)])
-    x = x / np.linalg.norm(x, axis=-1, keepdims=True)
-    return np.stack([x, np.cross(z, x), z], axis=-1)
+    z = np.moveaxis(np.asarray(axis, dtype=float), -1, 0)
+    other = np.eye(3)[:, np.argmin(np.abs(z), axis=0)]
+    x = np.array(cross(z, other))
+    x /= np.sqrt(dot(x, x))
+    return np.moveaxis([x, cross(z, x), z], (0, 1), (-1, -2))
 
 
 def circle_around(

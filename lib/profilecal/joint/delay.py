@@ -29,7 +29,7 @@ from profilecal.geometry.observability import (
 from profilecal.joint.descent import refine, search, thin
 from profilecal.joint.prior import FINEST_MM
 from profilecal.joint.problem import Problem
-from profilecal.targets.observations import Observations, State
+from profilecal.targets.observations import State
 
 TRIED = np.linspace(-DELAY_S, DELAY_S, 9)  # s
 FEW = 100  # profiles of each target that are looked at
@@ -71,35 +71,6 @@ def roughly(problem: Problem, starts: Sequence = ()) -> float:
         loss, args=(fits[best],), bounds=around, options={"xatol": 1e-4}
     )
     return found.x
-
-
-def unexplained(observations: Observations) -> dict[str, float]:
-    """What is left of the flange's twists if they are those of one screw in the base,
-    which moves the "target", and of one in the flange, or "both": root mean squares
-    over that of all. Where little is left, a delay is hidden.
-
-    The screw (v, ω) of the base is a twist (Rᵀ (v + ω × p), Rᵀ ω) along the flange's
-    axes. Turns count as what they move 100 mm away.
-    """
-    R, p = observations.R_flange[0], observations.T_flange[0]
-    Rt = R.mT
-    of_base = np.zeros((len(R), 6, 6))
-    of_base[:, :3, :3] = of_base[:, 3:, 3:] = Rt
-    of_base[:, :3, 3:] = Rt @ np.cross(np.eye(3), p[:, None]).mT
-    of_flange = np.broadcast_to(np.eye(6), of_base.shape)
-    in_mm = np.repeat([1.0, 100.0], 3)
-    twists = (observations.twist * in_mm).ravel()
-    left = {}
-    for name, columns in {
-        "target": of_base,
-        "both": np.concatenate([of_base, of_flange], axis=2),
-    }.items():
-        rows = (columns * in_mm[:, None]).reshape(len(twists), -1)
-        rows = rows / np.linalg.norm(rows, axis=0)
-        screws = np.linalg.lstsq(rows, twists, rcond=1e-9)[0]
-        rest = twists - rows @ screws
-        left[name] = float(np.linalg.norm(rest) / np.linalg.norm(twists))
-    return left
 
 
 def verdict(

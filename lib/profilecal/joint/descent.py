@@ -67,10 +67,10 @@ def refine(
             if done.all():
                 break
             there = problem.moments(trial, scale, weights)
-            gain = np.nan_to_num((here.loss - there.loss) / promise, nan=-1.0)
+            gain = np.fmin((here.loss - there.loss) / promise, 1.0)
             better = (there.loss <= here.loss) & ~done  # false for NaN
             here = there.where(better, here)
-            easing = np.clip(1 - (2 * np.minimum(gain, 1) - 1) ** 3, 0.01, 2)
+            easing = np.clip(1 - (2 * gain - 1) ** 3, 0.01, 2)
             factor = factor * np.where(better, easing, growth)
             factor = np.clip(factor, 1e-12, 1e8)
             growth = np.where(better, 2.0, 2 * growth)
@@ -91,7 +91,8 @@ def damped_step(normal: ndarray, damping: ndarray) -> tuple[ndarray, ndarray]:
 
         (H + D) x = -g        promise = -2 gᵀ x - xᵀ H x = xᵀ (D x - g)
     """
-    H = np.nan_to_num(normal[:, :-1, :-1])
+    H = normal[:, :-1, :-1]
+    H = np.where(np.isfinite(H), H, 0.0)
     g = normal[:, :-1, -1]
     diagonal = np.einsum("bii->bi", H)
     D = damping[:, None] * np.where(diagonal > 0, diagonal, 1.0)

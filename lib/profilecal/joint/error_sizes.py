@@ -34,6 +34,7 @@ TAILS = 4.0  # degrees of freedom of the t law that they are drawn from
 NORMAL = ndtri((np.arange(40) + 0.5) / 40)
 COARSE = np.linspace(-2.5, 1.5, 6)  # where the search of the likeliest begins
 FARTHEST = 5.0  # the likeliest coordinates are sought up to here
+STEP = 1e-4  # of coordinates, for the derivatives of variances
 OF_PRIOR = 0.6  # coordinates that spread by less than this are known from the data
 
 
@@ -60,7 +61,9 @@ class ErrorSizes:
     covariance: ndarray  # (n, n), enlarged
     enlarged: float  # by this factor, for its region to hold over all sizes
     mean_v: ndarray  # (1 + k,) the variances' mean
-    freedom: float  # with which all errors together are known, 100 mm from the flange
+    # degrees of freedom, at most 1000, with which all errors together are known, 100 mm
+    # from the flange
+    freedom: float
     poor: ndarray  # (n,) the chance that an error is POORER times the usual
 
     @property
@@ -68,15 +71,6 @@ class ErrorSizes:
         """The robot's, roots of the variances' mean, by name."""
         names = [size.name for size in self.sizes[1:]]
         return dict(zip(names, np.sqrt(self.mean_v[1:]).tolist(), strict=True))
-
-
-def freedom(variances: ndarray, weight: ndarray) -> float:
-    """Degrees of freedom f of a variance of which there are draws (S,) with weights
-    (S,), at most 1000: that of χ² has the relative variance 2 / f.
-    """
-    mean = weight @ variances
-    spread = weight @ (variances / mean - 1) ** 2
-    return float(2 / max(spread, 2e-3))
 
 
 @dataclass(frozen=True)
@@ -116,14 +110,16 @@ def likeliest(
     """
     if y is None:
         some = np.outer(COARSE, law.free > 0)
-        heights = log_density(model.posterior(law.variances(some)[0]), some)
+        heights = log_density(model.posterior(law.variances(some)), some)
         y = some[np.argmax(heights)]
 
     def look(y: ndarray) -> tuple:
         y = np.clip(y, -FARTHEST, FARTHEST)
-        v, first, second = law.variances(y[None])
-        posterior = model.posterior(v)
-        return log_density(posterior, y[None])[0], y, first[0], second[0], posterior
+        v = law.variances(y + STEP * np.array([[-1], [0], [1]]))
+        before, here, after = v[:, law.free]
+        slopes = (after - before) / (2 * STEP), (after - 2 * here + before) / STEP**2
+        posterior = model.posterior(v[[1]])
+        return log_density(posterior, y[None])[0], y, *slopes, posterior
 
     here = look(y)
     for _ in range(30):
@@ -179,14 +175,14 @@ def draw(
     d = len(root)
     count = DRAWS if d else 1
     ends = likely.y + np.concatenate([np.zeros((1, d)), root.T, -root.T])
-    h = log_density(model.posterior(law.variances(ends)[0]), ends)
+    h = log_density(model.posterior(law.variances(ends)), ends)
     widths = 1 / np.sqrt(2 * np.maximum(h[0] - h[1:], 1 / 18))
     forward, backward = widths.reshape(2, d)
 
     z = t_points(d, count)
     s = np.where(z > 0, forward, backward)
     y = likely.y + s * z @ root.T
-    posterior = model.posterior(law.variances(y)[0])
+    posterior = model.posterior(law.variances(y))
     log_q = gammaln((TAILS + d) / 2) - gammaln(TAILS / 2) - d / 2 * np.log(TAILS / 2)
     log_q = log_q - (TAILS + d) / 2 * np.log1p(np.sum(z**2, axis=1) / TAILS)
     log_q = log_q - np.log(s).sum(axis=1) - np.linalg.slogdet(root)[1]
@@ -240,10 +236,9 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     The sizes themselves are what the draws say of each, a normal law of its coordinate
     of their mean and spread: so few draws have no tails.
     """
-    usual = of_scanners(model, prior.law(model.names), likely)
-    beliefs = [usual, *of_robots(model, prior, likely, usual[0])]
-    first, *others = (weighed for _, _, weighed in beliefs)
-    draws = first.join(*others)
+    law = prior.law(model.names)
+    beliefs = [of_scanners(model, law, likely), *of_robots(model, prior, law, likely)]
+    draws = Weighed.join(*(weighed for _, _, weighed in beliefs))
     w = softmax(draws.log_weight)
     mean = w @ draws.x
     off = draws.x - mean
@@ -252,26 +247,35 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     squares = draws.covariance[:, :6, :6] + of_pose[:, :, None] * of_pose[:, None]
     enlarged = growth(squares, w)
 
-    names = ("profile_mm", *model.names)
-    units = np.r_[prior.scales.profile_mm, np.ones(len(model.names))]
-    parts, log_share, spreads = [], [], []
+    believed, log_share, spreads = [], [], []
     for law, y, weighed in beliefs:
         log_weight = np.logaddexp.reduce(weighed.log_weight.reshape(-1, len(y)))
         of_draw = softmax(log_weight)
         centre = of_draw @ y
-        spread = np.sqrt(of_draw @ (y - centre) ** 2)
-        spreads.append(dict(zip(law.free, spread, strict=True)))
-        parts.append(law.variances(centre + spread * NORMAL[:, None])[0])
-        log_share.append(np.full(len(NORMAL), np.logaddexp.reduce(log_weight)))
-    share = softmax(np.concatenate(log_share))
+        spread = np.zeros(len(law.scales))
+        spread[law.free] = np.sqrt(of_draw @ (y - centre) ** 2)
+        spreads.append(spread)
+        y = centre + spread[law.free] * NORMAL[:, None]
+        believed.append(np.sqrt(law.variances(y)))
+        log_share += [np.logaddexp.reduce(log_weight)] * len(y)
+    share = softmax(log_share)
+
+    names = ("profile_mm", *model.names)
+    units = np.r_[prior.scales.profile_mm, np.ones(len(model.names))]
     sizes = []
-    for j, believed in enumerate((units * np.sqrt(np.concatenate(parts))).T):
-        low, middle, high = quantiles(believed, share)
-        from_data = j == 0 or bool(spreads[0].get(j, 0.0) < OF_PRIOR)
-        sizes.append(Size(names[j], low, middle, high, from_data))
+    believed = units * np.concatenate(believed)
+    for name, values, spread in zip(names, believed.T, spreads[0], strict=True):
+        order = np.argsort(values)
+        below = np.cumsum(share[order]) - share[order] / 2
+        ends = np.interp([0.025, 0.5, 0.975], below, values[order]).tolist()
+        from_data = name == "profile_mm" or bool(spread < OF_PRIOR)
+        sizes.append(Size(name, *ends, from_data))
     middles = np.array([size.middle for size in sizes]) / units
     at_mm = [100 * np.radians(1) if name.endswith("deg") else 1 for name in names]
     at_mm *= np.not_equal(names, SMOOTH)  # they are no fresh errors
+    together = draws.v @ (units * at_mm) ** 2
+    # χ² of f degrees of freedom has the relative variance 2 / f
+    relative = w @ (together / (w @ together) - 1) ** 2
     return ErrorSizes(
         sizes=tuple(sizes),
         v=middles**2,
@@ -279,7 +283,7 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
         covariance=enlarged * covariance,
         enlarged=enlarged,
         mean_v=w @ draws.v,
-        freedom=freedom(draws.v @ (units * at_mm) ** 2, w),
+        freedom=float(2 / max(relative, 2e-3)),
         poor=w @ draws.poor,
     )
 
@@ -318,7 +322,7 @@ def of_scanners(
 
 
 def of_robots(
-    model: LinearModel, prior: Prior, likely: Likeliest, usual: Law
+    model: LinearModel, prior: Prior, usual: Law, likely: Likeliest
 ) -> Iterator[tuple[Law, ndarray, Weighed]]:
     """The same where the robot is believed to err smoothly alone, or to err as usual
     where less is stated; without what the data speak against.
@@ -344,13 +348,6 @@ def of_robots(
             np.zeros_like(posterior.mean),
         )
         yield law, y, weighed
-
-
-def quantiles(values: ndarray, weight: ndarray) -> list[float]:
-    """The 2.5, 50 and 97.5 % quantiles of values (S,) with weights (S,)."""
-    order = np.argsort(values)
-    share = np.cumsum(weight[order]) - weight[order] / 2
-    return np.interp([0.025, 0.5, 0.975], share, values[order]).tolist()
 
 
 def growth(squares: ndarray, weight: ndarray) -> float:

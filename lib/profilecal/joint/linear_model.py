@@ -65,13 +65,28 @@ from functools import cached_property
 import numpy as np
 from numpy import ndarray
 
+from profilecal.geometry.noise import by_unit
 from profilecal.geometry.observability import HAND_PRECISION
 from profilecal.joint.nesting import Level, nesting
 from profilecal.joint.smooth import SmoothErrors
 from profilecal.targets.observations import PoseGroups
 
 ROUNDING = 1e-13  # of the largest entry of a matrix of products
-AT_ONCE = 100_000  # numbers of the rows of several sets: what a cache holds
+AT_ONCE = 50_000  # numbers of the rows of several sets: what a cache holds
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """The rows of Q profiles at most of each of b groups, zeros where there are fewer,
+    and the parts of their D: by the scanner's noise, and by each error that no other
+    profile shares.
+    """
+
+    groups: ndarray  # (b,)
+    profiles: ndarray  # (b, Q); -1: none
+    E: ndarray  # (b, Q, q, 6)
+    Z: ndarray  # (b, Q, q, m + n + 1)
+    parts: ndarray  # (errors, b, Q, q, q)
 
 
 @dataclass(frozen=True)
@@ -91,7 +106,7 @@ class Factors:
     """
 
     count: int  # of groups
-    bundles: list[tuple[ndarray, ndarray]]
+    bundles: list[Bundle]
     log_det: ndarray  # (S,) log |C|
     roots: list[ndarray]  # (S, b, Q, q, q) L⁻¹ of D
     W_E: list[ndarray]  # (S, b, Q q, 6)
@@ -108,20 +123,23 @@ class Factors:
         S, *_, columns = left[0].shape
         b = np.zeros((S, self.count, known[0][1].shape[-1], columns))
         c = np.zeros_like(b)
-        for ((groups, _), W_E), W in zip(known, left, strict=True):
-            c[:, groups] += W_E.mT @ W
+        for (bundle, W_E), W in zip(known, left, strict=True):
+            c[:, bundle.groups] += W_E.mT @ W
         for node in self.nodes[:0:-1]:
             beta = node.Ms @ c[:, node.level.groups]
             node.level.add_to_parents(c, beta / node.s)
 
         products = np.zeros((S, columns, columns))
         for node in self.nodes:
-            groups, above = node.level.groups, b[:, node.level.parents]
-            beta = node.Ms @ (c[:, groups] - node.J @ above)
+            groups, above = node.level.groups, 0.0
+            if node is not self.nodes[0]:
+                above = b[:, node.level.parents]
+                c[:, groups] -= node.J @ above
+            beta = node.Ms @ c[:, groups]
             b[:, groups] = above + node.s * beta
             products += squares(beta)
-        for ((groups, _), W_E), W in zip(known, left, strict=True):
-            W -= W_E @ b[:, groups]
+        for (bundle, W_E), W in zip(known, left, strict=True):
+            W -= W_E @ b[:, bundle.groups]
             products += squares(W)
         return products, b
 
@@ -155,7 +173,7 @@ class Posterior:
 
     v: ndarray  # (S, 1 + k)
     m: int
-    products: ndarray  # (S, m + n + 1, m + n + 1) N
+    products: ndarray  # (m + n + 1, m + n + 1) N of the first set
     precision: ndarray  # (n, n) Π
     L: ndarray  # (S, m + n + 1, m + n + 1)
     square: ndarray  # (S,) rᵀ P r, the χ² of the residuals
@@ -205,7 +223,7 @@ class Posterior:
         """
         root = np.linalg.inv(self.L[0, : self.m, : self.m])
         K = self.v[0, -1] * root.T @ root
-        X = -K @ self.products[0, : self.m, self.m :]
+        X = -K @ self.products[: self.m, self.m :]
         moves = np.concatenate([X[:, :-1], np.eye(len(mean))])
         whole = moves @ covariance @ moves.T
         whole[: self.m, : self.m] += K
@@ -271,17 +289,13 @@ class LinearModel:
             self.E = np.concatenate([self.E, self.Y[:, :, [clock]]], axis=2)
         # how many directions errors of the flange have
         self.axes = self.E.shape[2]
-        # variances (1 + k, 6 or 7) of E's errors for one unit of each of v
-        squares = {
-            "mm": [1, 0, 0],
-            "deg": [0, np.radians(1) ** 2, 0],
-            "ms": [0, 0, 1e-6],
-        }
+        # variances (1 + k, 6 or 7) of E's errors for one unit of each of v; none are of
+        # the scanner's noise, or smooth
         fresh = names[:-1] if smooth else names
-        none = [[0, 0, 0]]  # of the scanner's noise, and of smooth errors
-        units = [squares[name.rsplit("_")[-1]] for name in fresh]
-        units = none + units + none * (len(names) - len(fresh))
-        self.units = np.repeat(units, (3, 3, 1), axis=1)[:, : self.axes]
+        self.units = np.zeros((1 + len(names), self.axes))
+        for error, name in enumerate(fresh, 1):
+            self.units[error, :6] = by_unit(name) ** 2
+            self.units[error, 6:] = 1e-6 * name.endswith("ms")
         numbers = [groups.sharing(name) for name in fresh]
         self.nesting = nesting(len(counts), numbers)
         self.kept = np.ones(len(counts), dtype=bool)
@@ -290,7 +304,9 @@ class LinearModel:
         """The model of some of its profiles (profiles,) only."""
         other = copy(self)
         other.kept = kept
-        for name in ("rows", "bundles", "rest_of_kept"):
+        if self.smooth and not kept.all():
+            other.smooth = self.smooth.keeping(kept)
+        for name in ("bundles", "rest_of_kept"):
             vars(other).pop(name, None)
         return other
 
@@ -306,58 +322,47 @@ class LinearModel:
         """
         other = copy(self)
         products, _ = self.rest_of_kept
-        for Z in self.parts():
-            products = products + squares(Z[None])[0]
+        for bundle in self.bundles:
+            products = products + squares(bundle.Z[None])[0]
         other.rest_of_kept = products, int(self.counts[self.kept].sum())
         other.bundles = []
         return other
 
-    @cached_property
-    def rows(self) -> ndarray:
-        """[E | B | A | r] (profiles + 1, q, 6 + m + n + 1), zeros in the last, which is
-        of no profile.
+    def rows(self, profiles: ndarray) -> tuple[ndarray, ndarray]:
+        """E (..., q, 6) and [B | A | r] (..., q, m + n + 1) of profiles (...); zeros
+        for -1.
         """
-        of_smooth = slice(self.axes, self.axes + self.m)
-        rows = np.zeros((len(self.E) + 1, self.q, of_smooth.stop + self.n + 1))
-        rows[:-1, :, : self.axes] = self.E
-        rows[:-1, :, of_smooth.stop :] = self.Y
+        real = (profiles >= 0)[..., None, None]
+        E, Z = self.E[profiles] * real, self.Y[profiles] * real
         if self.smooth:
-            smooth = self.smooth
-            if not self.kept.all():
-                smooth = smooth.keeping(self.kept)
-            rows[:-1, :, of_smooth] = self.E[..., :6] @ smooth.left
-        return rows
+            left = self.smooth.left(profiles.ravel())
+            B = E[..., :6] @ left.reshape(*profiles.shape, 6, self.m)
+            Z = np.concatenate([B, Z], axis=-1)
+        return E, Z
 
     @property
     def at_once(self) -> int:
         """So many profiles have as many numbers as a cache holds."""
-        return AT_ONCE // (self.q * self.rows.shape[2])
+        return AT_ONCE // (self.q * (self.axes + self.m + self.n + 1))
 
     @cached_property
-    def bundles(self) -> list[tuple[ndarray, ndarray]]:
+    def bundles(self) -> list[Bundle]:
         """Of the profiles kept, as `Nesting.bundles` has them."""
-        return self.nesting.bundles(self.kept, max(1, self.at_once))
+        found = []
+        most = max(1, self.at_once)
+        for groups, profiles in self.nesting.bundles(self.kept, most):
+            E, Z = self.rows(profiles)
+            parts = [np.broadcast_to(np.eye(self.q), (*profiles.shape, self.q, self.q))]
+            for error, alone in self.nesting.own:
+                by_error = E * alone[profiles, None, None] * self.units[error]
+                parts.append(by_error @ E.mT)
+            found.append(Bundle(groups, profiles, E, Z, np.array(parts)))
+        return found
 
-    def parts(self) -> Iterator[ndarray]:
-        """[B | A | r] of each bundle, (b, Q, q, m + n + 1)."""
-        for _, profiles in self.bundles:
-            yield self.rows[profiles][..., self.axes :]
-
-    @cached_property
-    def own_parts(self) -> ndarray:
-        """Parts (errors, profiles + 1, q, q) of each profile's D: of the scanner's
-        noise, and of errors that no other profile shares.
-        """
-        parts = [np.broadcast_to(np.eye(self.q), (len(self.E) + 1, self.q, self.q))]
-        for errors, alone in self.nesting.own:
-            E = np.append(self.E * alone[:, None, None], 0 * self.E[:1], axis=0)
-            parts += [E * self.units[error] @ E.mT for error in errors]
-        return np.array(parts)
-
-    @cached_property
-    def of_own(self) -> ndarray:
-        """Which of v they are."""
-        return np.concatenate([[0], *(errors for errors, _ in self.nesting.own)])
+    @property
+    def of_own(self) -> list[int]:
+        """Which of v the parts of D are by."""
+        return [0, *(error for error, _ in self.nesting.own)]
 
     @cached_property
     def rest_of_kept(self) -> tuple[ndarray, int]:
@@ -365,7 +370,7 @@ class LinearModel:
         and how many residuals it is. Rows of zeros count among the others and are taken
         off here.
         """
-        rows = self.q * sum(profiles.size for _, profiles in self.bundles)
+        rows = self.q * sum(bundle.profiles.size for bundle in self.bundles)
         products = np.zeros((self.m + self.n + 1,) * 2)
         products[self.m :, self.m :] = squares(self.rest[None, self.kept])[0]
         return products, int(self.counts[self.kept].sum()) - rows
@@ -377,12 +382,12 @@ class LinearModel:
         log_det = np.zeros(S)
         roots, all_W_E, nodes = [], [], []
         of_own = v[:, self.of_own]
-        for groups, profiles in self.bundles:
-            D = np.tensordot(of_own, self.own_parts[:, profiles], 1)
+        for bundle in self.bundles:
+            D = np.tensordot(of_own, bundle.parts, 1)
             root, of_profiles = inverse_root(D.reshape(S, -1, self.q, self.q))
             root = root.reshape(D.shape)
-            W_E = (root @ self.rows[profiles, :, :a]).reshape(S, len(groups), -1, a)
-            J[:, groups] += W_E.mT @ W_E
+            W_E = (root @ bundle.E).reshape(S, len(bundle.groups), -1, a)
+            J[:, bundle.groups] += W_E.mT @ W_E
             log_det += of_profiles
             roots.append(root)
             all_W_E.append(W_E)
@@ -407,18 +412,18 @@ class LinearModel:
         N = rest / v0[:, None, None]
         N[:, m:, m:] += self.of_mount
         log_det = count * np.log(v0)
-        profiles = sum(profiles.size for _, profiles in self.bundles)
+        profiles = sum(bundle.profiles.size for bundle in self.bundles)
         some = max(1, self.at_once // max(1, profiles))
         last = []
         for start in range(0, len(v) * bool(self.bundles), some):
             part = slice(start, start + some)
             factors = self.factors(v[part])
-            products, b = factors.solve(self.parts())
+            products, b = factors.solve([bundle.Z for bundle in self.bundles])
             N[part] += products
             log_det[part] += factors.log_det
             last = [(factors, b)]
 
-        H = N.copy()
+        products, H = N[0].copy(), N
         s = np.sqrt(v[:, -1, None, None])
         H[:, :m] *= s
         H[:, :, :m] *= s
@@ -432,7 +437,8 @@ class LinearModel:
         square -= np.sum(L[:, -1, :-1] ** 2, axis=1)
         roots = np.einsum("sii->si", L)[:, :-1]
         log_evidence = -(square + log_det) / 2 - np.log(roots).sum(axis=1)
-        return Posterior(v, m, N, self.precision, L, square, log_evidence, last)
+        known = products, self.precision, L
+        return Posterior(v, m, *known, square, log_evidence, last)
 
     def rescaled(
         self, posterior: Posterior, times: ndarray
@@ -484,7 +490,7 @@ class LinearModel:
         if posterior.last:
             self.add_rows(posterior, slope, within, across)
         if self.smooth:
-            N = posterior.products[0, :m]
+            N = posterior.products[:m]
             f = N @ z
             P = N[:, :m] - N[:, :-1] @ V @ N[:, :-1].T
             slope[-1] = np.trace(P) - f @ f
@@ -504,15 +510,15 @@ class LinearModel:
         _, V = posterior.whole
         sums = np.zeros((1, self.nesting.count, a, len(V) + 1))  # Σ E_iᵀ [C⁻¹ A | w]
         moved = []
-        for (groups, profiles), P, CA, w in self.precisions(posterior):
-            parts = self.own_parts[:, profiles]
+        for bundle, P, CA, w in self.precisions(posterior):
+            parts, b = bundle.parts, len(bundle.groups)
             less = P - w[..., None] * w[..., None, :]
             slope[self.of_own] += np.tensordot(parts, less, 4)
             F = np.zeros((*w.shape, k))  # M_k w
             F[..., self.of_own] = np.moveaxis((parts @ w[..., None])[..., 0], 0, -1)
-            E = self.rows[profiles, :, :a].reshape(len(groups), -1, a)
             both = np.concatenate([CA, w[..., None]], axis=-1)
-            sums[0, groups] += E.mT @ both.reshape(len(groups), -1, len(V) + 1)
+            both = both.reshape(b, -1, len(V) + 1)
+            sums[0, bundle.groups] += bundle.E.reshape(b, -1, a).mT @ both
             across += CA.reshape(-1, len(V)).T @ F.reshape(-1, k)
             moved.append(F)
         for node in factors.nodes[:0:-1]:
@@ -530,24 +536,24 @@ class LinearModel:
             across[:, level.errors] += np.tensordot(EA, by_unit, ((0, 1), (0, 1)))
             moves[level.groups] = moves[level.parents]
             moves[level.groups, :, level.errors] = by_unit
-        for (groups, profiles), F in zip(self.bundles, moved, strict=True):
-            F += self.rows[profiles, :, :a] @ moves[groups, None]
+        for bundle, F in zip(self.bundles, moved, strict=True):
+            F += bundle.E @ moves[bundle.groups, None]
         within += factors.solve(moved)[0][0]
 
     def precisions(
         self, posterior: Posterior
-    ) -> Iterator[tuple[tuple[ndarray, ndarray], ndarray, ndarray, ndarray]]:
+    ) -> Iterator[tuple[Bundle, ndarray, ndarray, ndarray]]:
         """Of each bundle: it; P_ii (b, Q, q, q), C⁻¹ [B | A] (b, Q, q, m + n) and w =
         P r (b, Q, q) of the rows of its profiles, for one set of variances.
         """
         ((factors, (b,)),) = posterior.last
         x, V = posterior.whole
         Q = factors.covariances()
-        known = factors.bundles, factors.roots, factors.W_E, self.parts()
-        for bundle, (root, *_), (W_E, *_), Z in zip(*known, strict=True):
+        known = factors.bundles, factors.roots, factors.W_E
+        for bundle, (root, *_), (W_E, *_) in zip(*known, strict=True):
             W_E = W_E.reshape(*root.shape[:-1], -1)
-            inside = np.eye(self.q) - W_E @ Q[bundle[0], None] @ W_E.mT
-            X = root.mT @ (root @ Z - W_E @ b[bundle[0], None])
+            inside = np.eye(self.q) - W_E @ Q[bundle.groups, None] @ W_E.mT
+            X = root.mT @ (root @ bundle.Z - W_E @ b[bundle.groups, None])
             CA = X[..., :-1]
             w = X @ np.append(x, 1.0)
             yield bundle, root.mT @ inside @ root - CA @ V @ CA.mT, CA, w
@@ -575,16 +581,18 @@ class LinearModel:
         Johnson 1992).
         """
         x, V = posterior.whole
-        Z = self.rows[:-1, :, self.axes :]
-        A = Z[..., :-1]
-        errors = Z @ np.append(x, 1.0)
-        covariances = self.own(posterior.v[0]) + A @ V @ A.mT
-        if posterior.last:
-            for (_, profiles), P, _, w in self.precisions(posterior):
-                real = profiles >= 0
-                covariance = np.linalg.pinv(P[real], hermitian=True)
-                covariances[profiles[real]] = covariance
-                errors[profiles[real]] = (covariance @ w[real][..., None])[..., 0]
+        errors = np.zeros((len(self.E), self.q))
+        covariances = self.own(posterior.v[0])
+        others = np.flatnonzero(~self.kept)
+        _, Z = self.rows(others)
+        errors[others] = Z @ np.append(x, 1.0)
+        covariances[others] += Z[..., :-1] @ V @ Z[..., :-1].mT
+        for bundle, P, _, w in self.precisions(posterior):
+            real = bundle.profiles >= 0
+            profiles = bundle.profiles[real]
+            covariance = np.linalg.pinv(P[real], hermitian=True)
+            covariances[profiles] = covariance
+            errors[profiles] = (covariance @ w[real][..., None])[..., 0]
         return errors, covariances
 
 

@@ -33,8 +33,8 @@ class Level:
 class Nesting:
     """Who shares what."""
 
-    # errors that are some profiles' own: their numbers, and whose (profiles,) they are
-    own: list[tuple[ndarray, ndarray]]
+    # errors that are some profiles' own: the number, and whose (profiles,) it is
+    own: list[tuple[int, ndarray]]
     levels: list[Level]  # from coarse to fine
     holder: ndarray  # (profiles,) the finest group that holds each
     count: int  # of groups
@@ -50,13 +50,12 @@ class Nesting:
         place = np.arange(len(holder)) - np.searchsorted(holder, holder)
         starts = np.flatnonzero(place % most == 0)  # of groups, or parts of large ones
         sizes = np.diff(np.append(starts, len(holder)))
-        unit = 2 ** np.maximum(np.log2(sizes).astype(int) - 1, 0)
-        widths = -(-sizes // unit) * unit  # a few different ones
-        kinds = np.stack([place[starts], widths], axis=1)
+        # those of nearly one size together
+        kinds = np.stack([place[starts], 2 * np.log2(sizes) // 1], axis=1)
         found = []
         for kind in np.unique(kinds, axis=0):
             alike = np.flatnonzero((kinds == kind).all(axis=1))
-            of_group = np.arange(kind[1])
+            of_group = np.arange(sizes[alike].max())
             at_once = max(1, most // len(of_group))
             for first in range(0, len(alike), at_once):
                 some = alike[first : first + at_once]
@@ -80,7 +79,7 @@ def nesting(profiles: int, numbers: Sequence[ndarray]) -> Nesting:
         number = numbers[kind[0]]
         shared = np.bincount(number)[number] > 1
         if not shared.all():
-            own.append((1 + kind, ~shared))
+            own += [(1 + error, ~shared) for error in kind]
         if not shared.any():
             continue
         # in the order of those that hold them

@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy import ndarray
-from scipy.special import gammaln, ndtr, stdtrit
+from scipy.special import ndtr, stdtrit
 
 from profilecal.geometry.log import DELAY_S
 from profilecal.geometry.noise import ESTIMATED, ROBOT, SMOOTH, Noise, Systematic
@@ -182,43 +182,21 @@ class Law:
         """Which (d,) of the sizes are not known."""
         return np.flatnonzero(self.spreads)
 
-    def variances(self, y: ndarray) -> tuple[ndarray, ndarray, ndarray]:
-        """The variances v (S, 1 + k), squares of the sizes, at coordinates y (S, d),
-        and their first and second derivatives (S, d) by the coordinates.
+    def variances(self, y: ndarray) -> ndarray:
+        """The variances v (S, 1 + k), squares of the sizes, at coordinates y (S, d).
 
         An error of the robot has the size σ t, with its scale σ and |T| of Student's
-        law of f degrees of freedom, density p, where T is as likely to be exceeded as
-        the coordinate:
-
-            P(|T| > t) = Φ(-y)        -2 p(t) t' = -φ(y)        t' = φ(y) / (2 p(t))
-
-        As φ' / φ = -y and p' / p = -(f + 1) t / (f + t²),
-
-            t'' = t' ((f + 1) t t' / (f + t²) - y)
-
-        The scanner's noise and smooth errors have t = exp(f y). With the sizes s = σ t,
-        the variances are
-
-            v = s²        v' = 2 s s'        v'' = 2 (s'² + s s'')
+        law of f degrees of freedom, where T is as likely to be exceeded as the
+        coordinate: P(|T| > t) = Φ(-y). The scanner's noise and smooth errors have
+        t = exp(f y).
         """
-        f, scale = self.spreads[self.free], self.scales[self.free]
+        f = self.spreads[self.free]
         # SciPy's quantile of smaller chances has the wrong sign
         chance = ndtr(-np.minimum(y, 8.0))
-        t = np.minimum(-stdtrit(f, chance / 2), 100.0)  # a larger error is a mistake
-        constant = gammaln((f + 1) / 2) - gammaln(f / 2)
-        power = (f + 1) / 2 * np.log1p(t**2 / f)
-        density = np.exp(constant - power) / np.sqrt(f * np.pi)
-        first = np.exp(-(y**2) / 2) / np.sqrt(2 * np.pi) / (2 * density)
-        second = first * ((f + 1) * t * first / (f + t**2) - y)
-
-        growth = np.exp(f * y)
-        by_factors = growth, f * growth, f**2 * growth
-        is_so = self.by_factors[self.free]
-        sizes = scale * np.where(is_so, by_factors, (t, first, second))
-        s, first, second = sizes
-        v = np.tile(self.scales**2, (len(y), 1))
-        v[:, self.free] = s**2
-        return v, 2 * s * first, 2 * (first**2 + s * second)
+        by_t = np.minimum(-stdtrit(f, chance / 2), 100.0)  # a larger error is a mistake
+        sizes = np.tile(self.scales, (len(y), 1))
+        sizes[:, self.free] *= np.where(self.by_factors[self.free], np.exp(f * y), by_t)
+        return sizes**2
 
 
 @dataclass(frozen=True)
@@ -227,8 +205,9 @@ class Perturbation:
     length: by how much, for one unit of its size.
     """
 
-    words: str  # with a place for the size, and [one word|another] for its sign
+    words: str  # with a place for one of the signs, and for the size
     unit: float  # what the size is to be multiplied by, for the words
+    signs: tuple[str, str] = ("large", "small")  # of a positive and a negative size
     prior: str = ""  # the entry of `Systematic` that says how large it can be
     # of points x and z (...): by how much x or z, the one `moved`, is wrong, mm
     points: Callable | None = None
@@ -258,9 +237,9 @@ def bend(x: ndarray, z: ndarray) -> ndarray:
 
 
 BEND = Perturbation(
-    "the profiles were bent [away from|towards] the scanner by {} mm, 50 mm from the "
-    "middle",
+    "the profiles were bent {} the scanner by {} mm, 50 mm from the middle",
     1,
+    ("away from", "towards"),
     "bend_mm",
     moved="z",
     points=bend,
@@ -269,24 +248,25 @@ BEND = Perturbation(
 # The scanner's errors: scales of the profiles, x that grows with z, and a bend.
 OF_SCANNER = [
     Perturbation(
-        "the profiles' x were too [large|small] by {} %",
+        "the profiles' x were too {} by {} %",
         100,
-        "scale_percent",
+        prior="scale_percent",
         moved="x",
         points=with_x,
         name="x scale",
     ),
     Perturbation(
-        "the profiles' z were too [large|small] by {} %",
+        "the profiles' z were too {} by {} %",
         100,
-        "scale_percent",
+        prior="scale_percent",
         moved="z",
         points=with_z,
         name="z scale",
     ),
     Perturbation(
-        "the profiles' x [grew|shrank] with z by {} %",
+        "the profiles' x {} with z by {} %",
         100,
+        ("grew", "shrank"),
         "shear_percent",
         moved="x",
         points=with_z,
@@ -298,8 +278,9 @@ OF_SCANNER = [
 
 # What all times in motion have in common: the robot's clock less the scanner's.
 DELAY = Perturbation(
-    "the scanner's clock was [behind|ahead] by {} ms",
+    "the scanner's clock was {} by {} ms",
     1000,
+    ("behind", "ahead"),
     clock=np.ones_like,
     name="delay",
 )
@@ -316,8 +297,13 @@ def of_clocks(observations: Sequence[Observations]) -> dict[Perturbation, float]
         return {}
     ends = np.nanmin(np.concatenate(times)), np.nanmax(np.concatenate(times))
     middle = sum(ends) / 2
-    words = "the scanner's clock was too [slow|fast] by {} ppm"
-    growing = Perturbation(words, 1e6, clock=lambda times: times - middle, name="drift")
+    growing = Perturbation(
+        "the scanner's clock was too {} by {} ppm",
+        1e6,
+        ("slow", "fast"),
+        clock=lambda times: times - middle,
+        name="drift",
+    )
     sd_s = 1e-6 if moving[0].delay_known else DELAY_S
     return {DELAY: sd_s, growing: CLOCK_DRIFT}
 
@@ -325,9 +311,11 @@ def of_clocks(observations: Sequence[Observations]) -> dict[Perturbation, float]
 def of_target(targets: Sequence[type[Target]]) -> list[Perturbation]:
     """The targets' errors: wrong lengths, each once."""
     names = dict.fromkeys(name for target in targets for name in target.lengths)
-    words = "the {} was too [large|small] by {{}} mm"
+    words = "the {} was too {{}} by {{}} mm"
     return [
-        Perturbation(words.format(name), 1, "tolerance_mm", length=name, name=name)
+        Perturbation(
+            words.format(name), 1, prior="tolerance_mm", length=name, name=name
+        )
         for name in names
     ]
 

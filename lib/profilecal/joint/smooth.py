@@ -26,6 +26,9 @@ REACH_MM = 750.0
 # A turn of the view counts as the way of a point so far from its middle.
 VIEW_MM = 20.0
 COEFFICIENTS = 27
+AT_ONCE = 2000  # profiles whose motions are in memory together
+# shifts (3, 3) of the ends of the three axes by turns
+BY_AXES = np.cross(np.eye(3), np.eye(3)[:, None]).mT
 # middle and steps of `SmoothErrors`
 Known = tuple[ndarray, ndarray, ndarray]
 
@@ -38,11 +41,16 @@ class SmoothErrors:
     sensor's axes.
     """
 
-    errors: ndarray  # (P, 6, 27) motions by each coefficient
-    rigid: ndarray  # (P, 6, 12) the same by steps of the sensor pose, and of the base
-    to_flange: ndarray  # (P, 6, 6) errors of the flange that are these motions
+    ways: ndarray  # (P, 3) of the flange, over REACH_MM
+    axes: ndarray  # (P, 3, 3) of the ways, in the sensor's frame
+    turns: ndarray  # (P, 3) rad
+    ratio: float  # an error of the orientation, rad, to one of the position
+    to_sensor: ndarray  # (P, 3, 3) from the base
+    places: ndarray  # (P, 3) of the middle of the view, in the base
+    arms: ndarray  # (P, 3) from the flange to that, in the sensor's frame
+    seen: ndarray  # (3,) the middle itself there
     middle: Frames  # orientation (3, 3) and position (3,) that they are counted from
-    # (12, 27) the steps that take up the most of the errors
+    # (12, 27) the steps of sensor pose and base that take up the most of the errors
     steps: ndarray
 
     count = COEFFICIENTS
@@ -52,14 +60,46 @@ class SmoothErrors:
         """What other poses need to know of these."""
         return *self.middle, self.steps
 
-    @property
-    def left(self) -> ndarray:
-        """Errors (P, 6, 27) of the flange without what the steps take up."""
-        return self.to_flange @ (self.errors - self.rigid @ self.steps)
+    def motions(self, chosen: ndarray | slice) -> tuple[ndarray, ndarray]:
+        """Of some profiles, motions (p, 6, 12) by steps of the sensor pose and of the
+        base, and (p, 6, 27) by each coefficient.
+        """
+        M = self.to_sensor[chosen]
+        rigid = np.zeros((len(M), 6, 12))
+        rigid[:, :, :6] = shifting(self.seen[None])
+        rigid[:, :3, 6:9] = rigid[:, 3:, 9:] = M
+        rigid[:, :3, 9:] = M @ shifts_by_turn(self.places[chosen])
+        ways, turns = self.ways[chosen, None, None], self.turns[chosen, None, None]
+        of_turn = np.eye(3)[..., None] * turns
+        errors = np.zeros((len(M), 2, 3, 3, 3, 3))
+        errors[:, 0, :, 0] = self.axes[chosen][..., None] * ways
+        errors[:, 0, :, 1] = of_turn
+        errors[:, 1, :, 2] = self.ratio * of_turn
+        return rigid, shifting(self.arms[chosen]) @ errors.reshape(-1, 6, COEFFICIENTS)
+
+    def left(self, chosen: ndarray | slice = slice(None)) -> ndarray:
+        """Errors (p, 6, 27) of the flange without what the steps take up."""
+        rigid, errors = self.motions(chosen)
+        return shifting(-self.arms[chosen]) @ (errors - rigid @ self.steps)
 
     def keeping(self, kept: ndarray) -> "SmoothErrors":
-        """The same where only the profiles kept (P,) say what the steps are."""
-        return replace(self, steps=taken_up(self.rigid[kept], self.errors[kept]))
+        """The same where only the profiles kept (P,) say what the steps are: those that
+        take up the most of their errors, by least squares.
+        """
+        weight = np.repeat([1.0, VIEW_MM], 3)[:, None]
+        products = np.zeros((12 + COEFFICIENTS,) * 2)
+        profiles = np.flatnonzero(kept)
+        for start in range(0, len(profiles), AT_ONCE):
+            chosen = profiles[start : start + AT_ONCE]
+            rows = weight * np.concatenate(self.motions(chosen), axis=2)
+            flat = rows.reshape(-1, len(products))
+            products += flat.T @ flat
+        rigid, across = products[:12, :12], products[:12, 12:]
+        units = np.maximum(np.diag(rigid), 1e-300) ** -0.5
+        inverse = np.linalg.pinv(rigid * np.outer(units, units), 1e-12, hermitian=True)
+        return replace(
+            self, steps=units[:, None] * (inverse @ (units[:, None] * across))
+        )
 
 
 def smooth_errors(
@@ -82,37 +122,31 @@ def smooth_errors(
     middle, steps = (nearest_rotation(R.mean(axis=0)), positions.mean(axis=0)), None
     if known:
         *middle, steps = known
-    turns = Rotation.from_matrix(middle[0].T @ R).as_rotvec()
-    ways = (positions - middle[1]) / REACH_MM
-    by_turn, by_way = (np.kron(np.eye(3), part[:, None]) for part in (turns, ways))
-    to_sensor = np.kron(np.eye(2), (R @ R_sensor).mT)
-    if not to_hand:  # else the sensor's axes stand still in the base
-        by_way = to_sensor[:, :3, :3] @ by_way
-    of_flange = np.zeros((len(R), 6, COEFFICIENTS))
-    of_flange[:, :3, :9] = by_way
-    of_flange[:, :3, 9:18] = by_turn
-    of_flange[:, 3:, 18:] = ratio * by_turn
-
-    by_base = to_sensor @ shifting(R @ (R_sensor @ seen + T_sensor) + T)
-    by_mount = np.broadcast_to(shifting(seen[None]), by_base.shape)
-    rigid = np.concatenate([by_mount, by_base], axis=2)
-    # the middle of the view from the flange
-    arms = (T_sensor - to_hand * positions) @ R_sensor + seen
-    errors = shifting(arms) @ of_flange
-    if steps is None:
-        steps = taken_up(rigid, errors)
-    return SmoothErrors(errors, rigid, shifting(-arms), middle, steps)
+    to_sensor = (R @ R_sensor).mT
+    errors = SmoothErrors(
+        ways=(positions - middle[1]) / REACH_MM,
+        # to hand, the sensor's axes stand still in the base
+        axes=np.broadcast_to(np.eye(3), R.shape) if to_hand else to_sensor,
+        turns=Rotation.from_matrix(middle[0].T @ R, assume_valid=True).as_rotvec(),
+        ratio=ratio,
+        to_sensor=to_sensor,
+        places=R @ (R_sensor @ seen + T_sensor) + T,
+        arms=(T_sensor - to_hand * positions) @ R_sensor + seen,
+        seen=seen,
+        middle=middle,
+        steps=steps,
+    )
+    return errors if known else errors.keeping(np.full(len(R), True))
 
 
-def taken_up(rigid: ndarray, errors: ndarray) -> ndarray:
-    """The steps (12, 27) of mount and base that take up the most of errors."""
-    weight = np.repeat([1.0, VIEW_MM], 3)[:, None]
-    flat = [(weight * part).reshape(-1, part.shape[2]) for part in (rigid, errors)]
-    return np.linalg.lstsq(*flat, rcond=1e-9)[0]
-
-
-def shifting(arm: ndarray) -> ndarray:
+def shifting(arms: ndarray) -> ndarray:
     """Motions (P, 6, 6) of the ends of arms (P, 3) by those of where they begin."""
-    motions = np.tile(np.eye(6), (len(arm), 1, 1))
-    motions[:, :3, 3:] = np.cross(np.eye(3), arm[:, None]).mT
+    motions = np.zeros((len(arms), 6, 6))
+    motions[:, range(6), range(6)] = 1.0
+    motions[:, :3, 3:] = shifts_by_turn(arms)
     return motions
+
+
+def shifts_by_turn(arms: ndarray) -> ndarray:
+    """By how much a turn w shifts the ends of arms (P, 3), w × arm: (P, 3, 3)."""
+    return np.tensordot(arms, BY_AXES, 1)

@@ -14,7 +14,7 @@ from profilecal.joint.error_sizes import ErrorSizes
 from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import Perturbation, Prior
 from profilecal.joint.problem import Problem
-from profilecal.joint.smooth import COEFFICIENTS, SmoothErrors
+from profilecal.joint.smooth import COEFFICIENTS, SmoothErrors, shifting
 from profilecal.targets.observations import State
 
 
@@ -64,10 +64,9 @@ class Solution:
         A flange that is shifted by s and turned by ψ takes the sensor, at a in the
         sensor's frame, along: ρ = s + ψ × a, φ = ψ. These are the rows of `lever`.
         """
-        lever = np.eye(6)
-        if not self.problem.observations[0].eye_to_hand:
-            # from the flange to the sensor, in the sensor's frame
-            lever[:3, 3:] = np.cross(np.eye(3), self.rotation.T @ self.translation).T
+        # from the flange to the sensor, in the sensor's frame
+        arm = self.rotation.T @ self.translation
+        lever = shifting(arm[None] * (not self.problem.observations[0].eye_to_hand))[0]
         sizes = self.error_sizes
         if sizes.sizes[-1].name != SMOOTH:
             return self.covariance

@@ -262,7 +262,7 @@ def of_large_errors(
         scanner = np.maximum(1.0, problem.typical(problem.moments(state))[0])
     for believed in (replace(prior, stated=frozenset()), prior):
         law = believed.law(model.names)
-        (v,), _, _ = law.variances(np.full((1, len(law.free)), large))
+        (v,) = law.variances(np.full((1, len(law.free)), large))
         v[0] = scanner**2
         now = np.eye(model.n + 1)[-1]
         by_itself = squares(model, now, model.Y[..., -1], model.own(v), v[0])

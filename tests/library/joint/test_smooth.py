@@ -1,17 +1,16 @@
 """Errors of a robot that vary smoothly with its pose."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
+from scipy.linalg import lstsq
 from scipy.spatial.transform import Rotation
 from simulated import calibration_of
 
 from profilecal.geometry.poses import carry, inverse, rotations
 from profilecal.joint.residuals import Residuals
-from profilecal.joint.smooth import REACH_MM, VIEW_MM, smooth_errors
+from profilecal.joint.smooth import REACH_MM, VIEW_MM, shifting, smooth_errors
 
 SEEN = np.array([5.0, 0.0, 120.0])
 
@@ -50,27 +49,27 @@ def test_steps_of_mount_and_base_move_the_view_as_moved_frames_do():
         turned, shift = rotations(step[3:]), step[:3]
         mount = R_sensor @ turned, T_sensor + R_sensor @ shift
         by_mount = motion(before, view(poses, mount)) / tiny
-        assert_allclose(errors.rigid[..., k], by_mount, atol=1e-3)
+        rigid, _ = errors.motions(slice(None))
+        assert_allclose(rigid[..., k], by_mount, atol=1e-3)
         base = turned @ R, T @ turned.T + shift
         by_base = motion(before, view(base, (R_sensor, T_sensor))) / tiny
-        assert_allclose(errors.rigid[..., 6 + k], by_base, atol=2e-3)
+        assert_allclose(rigid[..., 6 + k], by_base, atol=2e-3)
 
 
 def test_what_a_mount_and_a_base_take_up_is_left_out():
-    """By least squares over the poses kept; all of it, where errors are such steps."""
+    """By least squares over the poses kept, as scipy has it."""
     errors, *_ = some_errors()
     kept = np.arange(12) < 9
-    of_kept = errors.keeping(kept)
     weight = np.repeat([1.0, VIEW_MM], 3)[:, None]
-    left = weight * (errors.errors - errors.rigid @ of_kept.steps)[kept]
-    flat, rigid = (
-        part.reshape(-1, part.shape[2]) for part in (left, weight * errors.rigid[kept])
+    rigid, moved = (
+        (weight * part).reshape(-1, part.shape[2]) for part in errors.motions(kept)
     )
-    assert np.abs(rigid.T @ flat).max() < 1e-9 * np.linalg.norm(rigid) ** 2
-    steps = default_rng(2).normal(size=(12, 27))
-    rigid_errors = replace(errors, errors=errors.rigid @ steps).keeping(kept)
-    assert_allclose(rigid_errors.steps, steps, atol=1e-6)
-    assert np.abs(rigid_errors.left).max() < 1e-6
+    steps = lstsq(rigid, moved)[0]
+    of_kept = errors.keeping(kept)
+    assert_allclose(of_kept.steps, steps, rtol=1e-6, atol=1e-6 * np.abs(steps).max())
+    arms = errors.arms[kept]
+    left = (shifting(arms) @ of_kept.left(kept) * weight).reshape(moved.shape)
+    assert_allclose(left, moved - rigid @ steps, atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane", "rod"])
@@ -96,7 +95,7 @@ def test_a_scale_of_the_robot_s_positions_is_such_an_error(to_hand):
     to_sensor = R_sensor.T if to_hand else (R @ R_sensor).mT
     motions = np.zeros((12, 6))
     motions[:, :3] = (to_sensor @ scaled[..., None])[..., 0]
-    columns = errors.errors.reshape(72, 27)
+    columns = errors.motions(slice(None))[1].reshape(72, 27)
     sizes = np.linalg.lstsq(columns, motions.ravel(), rcond=1e-9)[0]
     assert_allclose(columns @ sizes, motions.ravel(), atol=1e-9)
     # beside turns, which come with ways here
