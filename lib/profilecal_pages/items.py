@@ -12,7 +12,7 @@ to fail, and counts. All other agreements are "not counted".
 """
 
 import json
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
@@ -170,7 +170,7 @@ class Item:
             said.append(f"Free settings: {self.free}.")
         if self.share_failing is not None:
             said.append(
-                f"At least one number fails under {100 * self.share_failing:.0f} % of "
+                f"At least one number fails under {100 * self.share_failing:.3g} % of "
                 f"the settings {self.settings}."
             )
         reasons = dict.fromkeys(row.why for row in of.rows if row.why)
@@ -257,27 +257,20 @@ def tally(gathered: Gathered) -> pd.DataFrame:
     return pd.DataFrame(lines, columns=columns)
 
 
-AGREEMENTS = (
-    "reproduced from printed inputs",
-    "compatible with unprinted settings that we chose",
-)
-
-
 def sentence(gathered: Gathered) -> str:
-    """What became of the printed results, in three counts."""
-    marks = [
-        (item.free, mark) for _, item in gathered for mark in item.counted.verdicts
-    ]
-    tested = [(free, mark) for free, mark in marks if mark != "not counted"]
-    agree = []
-    for chosen, agreement in enumerate(AGREEMENTS):
-        part = [mark for free, mark in tested if bool(free) == chosen]
-        if part:
-            inside = len(part) - part.count("differs")
-            agree.append(f"{inside} of {len(part)} are {agreement}")
+    """What became of the printed results, in four counts."""
+    count = Counter(
+        (bool(item.free), mark)
+        for _, item in gathered
+        for mark in item.counted.verdicts
+    )
+    apart = count[False, "not counted"] + count[True, "not counted"]
+    compatible, differ = count[True, "compatible"], count[True, "differs"]
     return (
-        f"Of {len(marks)} printed results {len(marks) - len(tested)} are not counted: "
-        f"they could hardly fail. Of the others, {', and '.join(agree) or 'none'}."
+        f"Of {count.total()} printed results {apart} are not counted: they could "
+        f"hardly fail. Of the others, {count[False, 'reproduced']} are reproduced from "
+        f"printed inputs, {compatible} of {compatible + differ} compatible with "
+        f"unprinted settings that we chose; {count[False, 'differs']} others differ."
     )
 
 
