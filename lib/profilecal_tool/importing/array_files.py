@@ -1,4 +1,4 @@
-"""Arrays of NumPy and MATLAB, sheets."""
+"""Arrays of NumPy, MATLAB and PLY, sheets."""
 
 import re
 from collections import defaultdict
@@ -27,6 +27,11 @@ def binary_blocks(path: Path) -> Iterator[Block]:
             for name, array in arrays.items():
                 if array.ndim == 3:  # MATLAB stacks matrices along the last axis
                     arrays[name] = np.moveaxis(array, -1, 0)
+        elif path.suffix == ".ply":
+            from plyfile import PlyData
+
+            points = PlyData.read(path)["vertex"].data
+            arrays = {name: points[name] for name in points.dtype.names}
         else:
             with path.open("rb") as file:
                 loaded = np.load(file, allow_pickle=False)

@@ -152,7 +152,6 @@ def declared(folder):
 
 
 ASKED = {
-    "PLY": (people.tum, people.point_clouds, "no x and z"),
     "inches": (*points_of("x,z", scale=1 / 25.4), "mm wide, up to"),
     "equal titles": (*points_of("x,z,x,z", "1,2", behind=True), "columns are x and z"),
     "no titles": (*table_of("", "FANUC angles", 0.001, np.pi / 180), "what are they"),
