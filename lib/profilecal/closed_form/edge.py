@@ -149,12 +149,12 @@ def solve_edge(
     index, present = group_members(find_groups("R_b", R_b, group))
     why = "pairs of their differences fix the rotation"
     check_count("poses of an orientation", present.shape[1], 3, why)
-    R_b, T_b, points = R_b[index[:, 0]], T_b[index], p_s[index]
-    check_orientations(R_b)
+    R, T, points = R_b[index[:, 0]], T_b[index], p_s[index]
+    check_orientations(R)
 
-    smooth = smoothed(T_b, points, present) if regression else points
-    found = edge_equations(R_b, T_b, smooth, present)
-    strength = rotation_strength(R_b, T_b, points, found.rotation, present)
+    smooth = smoothed(T, points, present) if regression else points
+    found = edge_equations(R, T, smooth, present)
+    strength = rotation_strength(R, T, points, found.rotation, present)
     check_motions(strength, found.translation.rank)
     p_b = np.empty((n, 3))
     p_b[index] = found.p_b

@@ -11,7 +11,7 @@ parameters one unit, so that millimetres and degrees compare, and it says what
 - ok otherwise.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,7 +128,7 @@ def brief(value: float) -> str:
     return f"{value:.2g}" if abs(value) < 99.5 else f"{value:.0f}"
 
 
-def shift_and_turn(mm_deg: Sequence[float], between: str = "and") -> str:
+def shift_and_turn(mm_deg: Iterable[float], between: str = "and") -> str:
     """Three shifts and three turns (6,) in words, "open" for NaN."""
     words = ["open" if np.isnan(value) else brief(value) for value in mm_deg]
     return f"{'  '.join(words[:3])} mm along {between} {'  '.join(words[3:])}°"

@@ -159,7 +159,7 @@ def frame_around(axis: ArrayLike) -> ndarray:
     other = np.eye(3)[:, np.argmin(np.abs(z), axis=0)]
     x = np.array(cross(z, other))
     x /= np.sqrt(dot(x, x))
-    return np.moveaxis([x, cross(z, x), z], (0, 1), (-1, -2))
+    return np.moveaxis(np.array([x, cross(z, x), z]), (0, 1), (-1, -2))
 
 
 def circle_around(

@@ -110,7 +110,7 @@ def of_usual_angle(
     """
     best = [own[0].angle for own in candidates if own]
     usual = np.median(best or [0.0])
-    scatter = np.median(np.abs(best - usual)) if len(best) >= 5 else np.inf
+    scatter = np.median(np.abs(np.subtract(best, usual))) if len(best) >= 5 else np.inf
     close, wide = np.maximum(np.radians([20, 30]), 6 * scatter)
     chosen = []
     for k, own in enumerate(candidates):

@@ -370,7 +370,7 @@ def header_of(source: Any, title: str, noise: Mapping) -> dict[str, Any]:
 
 def known_of(scan: Scan) -> dict[str, Any]:
     """What scan.toml says besides, of a scan whose delay or mount is known."""
-    known = {}
+    known: dict[str, Any] = {}
     if scan.delay_ms is not None:
         known["motion"] = {"delay_ms": scan.delay_ms}
     if scan.guess is not None:

@@ -2,8 +2,6 @@
 was taken by the scanner's clock.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike
@@ -40,7 +38,7 @@ def checked_log(t: ArrayLike, R: ArrayLike, p: ArrayLike) -> Log:
     return log
 
 
-def check_times(log: Log, times: ndarray, labels: Sequence[str]) -> None:
+def check_times(log: Log, times: ndarray, labels: ndarray) -> None:
     """Refuse times (P,) at which the log has no pose. Raises ValueError."""
     moving = np.isfinite(times)
     if not moving.any():

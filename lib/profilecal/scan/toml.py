@@ -81,7 +81,7 @@ def entries_of(table: Any) -> dict[str, Any]:
     """What the entries of a table may be, by name: a `Rule`, or the dataclass that
     describes a table of its own.
     """
-    kinds = {
+    kinds: dict[str, Any] = {
         # what `Annotated` adds to a type, or the type
         entry.name: getattr(entry.type, "__metadata__", (entry.type,))[0]
         for entry in fields(table)
