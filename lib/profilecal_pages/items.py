@@ -267,10 +267,11 @@ def sentence(gathered: Gathered) -> str:
     apart = count[False, "not counted"] + count[True, "not counted"]
     compatible, differ = count[True, "compatible"], count[True, "differs"]
     return (
-        f"Of {count.total()} printed results {apart} are not counted: they could "
-        f"hardly fail. Of the others, {count[False, 'reproduced']} are reproduced from "
-        f"printed inputs, {compatible} of {compatible + differ} compatible with "
-        f"unprinted settings that we chose; {count[False, 'differs']} others differ."
+        f"Of {count.total()} printed results {apart} are not counted: no listed "
+        f"change made them fail. Of the others, {count[False, 'reproduced']} are "
+        f"reproduced from printed inputs, {compatible} of "
+        f"{compatible + differ} compatible with unprinted settings "
+        f"that we chose; {count[False, 'differs']} others differ."
     )
 
 
