@@ -50,6 +50,8 @@ class Plan:
     wanted_sd: Sequence[float]
     # so many poses as these would be enough for that; 0: no number of them
     enough_poses: int = 0
+    # whether only a second step, from the answer of these poses, can reach it
+    is_first_step: bool = False
     # mm/s, where two poses at a time are the ends of a sweep
     speed: float = 0.0
     # why there are not as many sweeps as were to be

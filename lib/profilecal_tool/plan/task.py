@@ -15,7 +15,7 @@ from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import write_table
 from profilecal.scan.toml import read_toml, toml_text
 from profilecal.simulation.sweeps import Motion
-from profilecal_tool.plan.design import NOWHERE, Plan, design, joined
+from profilecal_tool.plan.design import FEW, NOWHERE, Plan, design, joined
 from profilecal_tool.plan.knowledge import model_of_scan, model_of_spec
 from profilecal_tool.plan.scan_model import Prediction, ScanModel, predict
 from profilecal_tool.plan.specification import (
@@ -70,7 +70,10 @@ class Task:
         """
         motion, limits = self.motion, self.model.limits
         if motion is None:
-            return self.poses()
+            plan = self.poses()
+            if plan.falls_short and not self.count_given:
+                return self.first_step() or plan
+            return plan
         counts: Sequence[int] = LINES
         if self.count_given:
             counts = [limits.poses or (motion.sweeps + 1) // 2]
@@ -89,6 +92,19 @@ class Task:
     def poses(self, **asked: int) -> Plan:
         """A plan of poses. Raises ScanError."""
         return design(self.model, self.rng, before=self.before, **asked)
+
+    def first_step(self) -> Plan | None:
+        """A few poses, from whose answer a second plan reaches what is wanted, if only
+        the margins of the guess keep this one from it.
+        """
+        guess = self.model.guess
+        if guess is None:
+            return None
+        exact = replace(guess, mount_mm=0, mount_deg=0, target_mm=0, target_deg=0)
+        second = replace(self, model=replace(self.model, guess=exact))
+        if second.poses().falls_short:
+            return None
+        return replace(self.poses(poses=FEW), is_first_step=True)
 
     def write(self, plan: Plan, folder: Path) -> None:
         """Write a plan of poses or sweeps into a folder that exists.

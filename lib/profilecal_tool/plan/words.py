@@ -81,6 +81,12 @@ def plan_lines(plan: Plan, count_given: bool) -> list[str]:
         lines += [f"left out       {why}" for why in plan.left_out]
         if falls_short:
             lines.append(f"note           {count // 2} sweeps do not give {wished}")
+    elif plan.is_first_step:
+        lines.append(
+            "note           a first step: with a guess as wrong as stated, as many "
+            f"poses as allowed do not reach {wished}; a second step, from the answer "
+            "of these, does"
+        )
     elif falls_short:
         like = (
             f"{plan.enough_poses} like these are"
@@ -121,5 +127,11 @@ def steps(plan: Plan, spec: Path, folder: Path | None) -> list[str]:
             "or take the scanner's files: profilecal import DIR NEW-FOLDER "
             f"--target {target.kind}{''.join(lengths)}{mount} "
             f"--poses {folder / 'poses.csv'}"
+        )
+    if plan.is_first_step:
+        mm, deg = plan.wanted_sd
+        lines.append(
+            f"and then: profilecal plan {folder} SECOND-FOLDER "
+            f"--until {mm:g} {deg:g} --within {spec}"
         )
     return lines
