@@ -84,7 +84,7 @@ class MountCheck:
         for what, part in (("sensor", slice(0, 6)), ("target", slice(6, None))):
             says = self.moves.of(part)
             told = np.linalg.eigvalsh(says.information) > 1
-            free = self.count - np.count_nonzero(told)
+            free = self.count - int(np.count_nonzero(told))
             chances[what] = self.chance_of(says.left(), free)
         return chances
 
@@ -205,8 +205,7 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
         noise_mm = max(found.noise_mm, scan.noise.get("profile_mm", 0.0))
     observed = as_observations(scan, seen, seen.typical_mm)
     noise = replace(Noise(**joint.robot_errors), profile_mm=noise_mm)
-    smooth = joint.smooth and tuple(map(np.array, joint.smooth))
-    problem = Problem([observed], noise, ALL_CONSIDERED, smooth=smooth)
+    problem = Problem([observed], noise, ALL_CONSIDERED, smooth=joint.smooth)
     _, _, origin, axes = joint.targets[alike[0]]
     T, placement = found.pose[None], (np.array([origin]), np.array([axes]))
     state = State(T[:, :3, :3], T[:, :3, 3], (placement,))

@@ -264,12 +264,13 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     units = np.r_[prior.scales.profile_mm, np.ones(len(model.names))]
     sizes = []
     believed = units * np.concatenate(believed)
-    for name, values, spread in zip(names, believed.T, spreads[0], strict=True):
+    for name, values, wide in zip(names, believed.T, spreads[0], strict=True):
         order = np.argsort(values)
         below = np.cumsum(share[order]) - share[order] / 2
-        ends = np.interp([0.025, 0.5, 0.975], below, values[order]).tolist()
-        from_data = name == "profile_mm" or bool(spread < OF_PRIOR)
-        sizes.append(Size(name, *ends, from_data))
+        ends = np.interp([0.025, 0.5, 0.975], below, values[order])
+        low, middle, high = ends.tolist()
+        from_data = name == "profile_mm" or bool(wide < OF_PRIOR)
+        sizes.append(Size(name, low, middle, high, from_data))
     middles = np.array([size.middle for size in sizes]) / units
     at_mm = [100 * np.radians(1) if name.endswith("deg") else 1 for name in names]
     at_mm *= np.not_equal(names, SMOOTH)  # they are no fresh errors

@@ -131,7 +131,7 @@ class Factors:
 
         products = np.zeros((S, columns, columns))
         for node in self.nodes:
-            groups, above = node.level.groups, 0.0
+            groups, above = node.level.groups, np.zeros(1)
             if node is not self.nodes[0]:
                 above = b[:, node.level.parents]
                 c[:, groups] -= node.J @ above

@@ -79,7 +79,7 @@ def nesting(profiles: int, numbers: Sequence[ndarray]) -> Nesting:
         number = numbers[kind[0]]
         shared = np.bincount(number)[number] > 1
         if not shared.all():
-            own += [(1 + error, ~shared) for error in kind]
+            own += [(1 + error, ~shared) for error in kind.tolist()]
         if not shared.any():
             continue
         # in the order of those that hold them

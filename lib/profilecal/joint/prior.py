@@ -117,8 +117,9 @@ class Prior:
         exact = replace(self.scales, **dict.fromkeys((*ROBOT, "jitter_ms"), 0.0))
         none = Systematic()
         stated = self.stated - {SMOOTH}  # their sizes are not known
-        known = {"robot_known": True, "stated": stated, "systematic": none}
-        return replace(self, scales=exact, **known)
+        return replace(
+            self, scales=exact, stated=stated, robot_known=True, systematic=none
+        )
 
     def with_scanner(self, noise_mm: float) -> "Prior":
         """The same with another scanner's noise."""

@@ -242,17 +242,17 @@ class Problem:
             np.power([*self.considered.values()], -2.0),
             np.full(len(tried), NOTHING_KNOWN),
         ]
-        by_flange, columns = whole[..., FLANGE], whole[..., : FLANGE.start]
+        by_flange, rows = whole[..., FLANGE], whole[..., : FLANGE.start]
         smooth, accuracy_mm = None, self.noise.accuracy_mm
         if SMOOTH in names:
             smooth = self.smooth(state)
         elif accuracy_mm:
             B = by_flange @ self.smooth(state).left()
-            columns = np.concatenate([columns[..., :-1], B, columns[..., -1:]], axis=2)
+            rows = np.concatenate([rows[..., :-1], B, rows[..., -1:]], axis=2)
             precision = np.append(precision, np.full(B.shape[2], accuracy_mm**-2.0))
         return LinearModel(
             by_flange,
-            columns,
+            rows,
             self.counts,
             self.groups,
             names,

@@ -13,10 +13,12 @@ mount of the linear model is the one that these poses show.
 A wrist that turns over between two poses errs by a jump, which is none of these.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import ndarray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.poses import Frames, inverse, nearest_rotation
@@ -30,7 +32,7 @@ AT_ONCE = 2000  # profiles whose motions are in memory together
 # shifts (3, 3) of the ends of the three axes by turns
 BY_AXES = np.cross(np.eye(3), np.eye(3)[:, None]).mT
 # middle and steps of `SmoothErrors`
-Known = tuple[ndarray, ndarray, ndarray]
+Known = Sequence[ArrayLike]
 
 
 @dataclass(frozen=True)
@@ -119,21 +121,23 @@ def smooth_errors(
     R, T = poses
     R_sensor, T_sensor = sensor
     positions = inverse(R, T)[1] if to_hand else T
-    middle, steps = (nearest_rotation(R.mean(axis=0)), positions.mean(axis=0)), None
     if known:
-        *middle, steps = known
+        rotation, place, steps = map(np.asarray, known)
+    else:
+        rotation, place = nearest_rotation(R.mean(axis=0)), positions.mean(axis=0)
+        steps = np.zeros((12, COEFFICIENTS))  # until they are found
     to_sensor = (R @ R_sensor).mT
     errors = SmoothErrors(
-        ways=(positions - middle[1]) / REACH_MM,
+        ways=(positions - place) / REACH_MM,
         # to hand, the sensor's axes stand still in the base
         axes=np.broadcast_to(np.eye(3), R.shape) if to_hand else to_sensor,
-        turns=Rotation.from_matrix(middle[0].T @ R, assume_valid=True).as_rotvec(),
+        turns=Rotation.from_matrix(rotation.T @ R, assume_valid=True).as_rotvec(),
         ratio=ratio,
         to_sensor=to_sensor,
         places=R @ (R_sensor @ seen + T_sensor) + T,
         arms=(T_sensor - to_hand * positions) @ R_sensor + seen,
         seen=seen,
-        middle=middle,
+        middle=(rotation, place),
         steps=steps,
     )
     return errors if known else errors.keeping(np.full(len(R), True))
