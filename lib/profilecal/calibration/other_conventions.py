@@ -161,4 +161,4 @@ def with_best_lengths(stated: Observations) -> Observations:
     def rms_mm(log_ratio: ndarray) -> float:
         return misfit(times(log_ratio))[0]
 
-    return times(brute(rms_mm, [slice(-2, 2.1, 0.25)]))
+    return times(brute(rms_mm, (slice(-2, 2.1, 0.25),)))

@@ -57,7 +57,8 @@ def robot_variances(solution: Solution) -> ndarray:
     errors, which the total covariance has.
     """
     sizes = solution.error_sizes.of_robot | {SMOOTH: 0.0}
-    return sum((by_unit(name) * size) ** 2 for name, size in sizes.items())
+    squares = ((by_unit(name) * size) ** 2 for name, size in sizes.items())
+    return sum(squares, np.zeros(6))
 
 
 def points_seen(solution: Solution) -> ndarray:

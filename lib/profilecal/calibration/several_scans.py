@@ -102,7 +102,7 @@ def joined(first: Scan, second: Scan, name: str) -> Scan:
     """The poses of two scans as one scan, with the second one's name before its labels;
     what is not of poses is the first one's.
     """
-    arrays = {
+    arrays: dict[str, Any] = {
         field: np.concatenate([getattr(first, field), getattr(second, field)])
         for field in ("R_base_flange", "p_base_flange", "side", "times")
     }

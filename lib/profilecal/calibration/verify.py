@@ -89,7 +89,7 @@ class Verification:
         known.
         """
         known = of_covariance(self.stated).sd < 1
-        return len(self.apart) >= np.count_nonzero(known)
+        return len(self.apart) >= int(np.count_nonzero(known))
 
     def __repr__(self) -> str:
         difference = np.array2string(self.difference_mm_deg, precision=3)
@@ -151,9 +151,10 @@ def verify(
     """
     check_type("found", found, Calibration, Answer)
     check_type("other", other, Scan, Calibration, Answer)
-    found, other = (
-        one.answer if isinstance(one, Calibration) else one for one in (found, other)
-    )
+    if isinstance(found, Calibration):
+        found = found.answer
+    if isinstance(other, Calibration):
+        other = other.answer
     title = check_another(found, other)
     T, stated = found.pose, in_mm_rad(found.covariance_total_mm_deg)
     if isinstance(other, Answer):
