@@ -81,7 +81,7 @@ def what_motions_tell(observed: Observations) -> str:
         return "these motions leave it open; it shifts the target, not the sensor"
     return (
         "these motions leave it open, and the sensor's pose with it: the scanner goes "
-        "one way; drive the same sweeps backwards, or stop at three places"
+        "one way; drive the same sweeps backwards, or stop at eight places"
     )
 
 

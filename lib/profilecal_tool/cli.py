@@ -479,7 +479,8 @@ def import_(files, folder, **given):
     layout = said = read_answers(folder) | given
     kind = said.get("target")
     if kind not in TARGETS:
-        raise ValueError(f"--target is {kind}; expected one of {', '.join(TARGETS)}")
+        asked = f"--target is {kind or 'missing'}: what was scanned? one of"
+        raise ValueError(f"{asked} {', '.join(TARGETS)}")
     for name in TARGETS[kind].lengths:
         if name not in said:
             raise ValueError(f"--{name} is missing: a {kind} has one, in mm")

@@ -52,8 +52,8 @@ def answer_lines(found: Calibration, to_paste: str = "") -> list[str]:
         sd = points_known(found)
         lines.append(
             "points         one in the middle of what was seen is known to "
-            f"{brief(sd[1, 1])} mm in the {found.frame} frame, at its worst corner to "
-            f"{brief(sd.max())}"
+            f"{brief(sd[1, 1])} mm, the robot's accuracy included; at its worst corner "
+            f"to {brief(sd.max())}"
         )
     return lines
 

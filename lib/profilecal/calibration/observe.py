@@ -51,9 +51,10 @@ def observe(scan: Scan, least: int = 0) -> Seen:
     if len(seen.poses) < least:
         why = f" ({shorten('; '.join(seen.remarks), 500)})"
         title = scan.title or f"the {scan.kind}"
+        kind = f"{'an' if scan.kind == 'edge' else 'a'} {scan.description}"
         raise ScanError(
             f"{title}: the target was found from {len(seen.poses)} poses; "
-            f"expected {least} or more{why}; is it a {scan.description}?"
+            f"expected {least} or more{why}; is it {kind}?"
         )
     return seen
 

@@ -109,6 +109,6 @@ def verdict(
     size = size_direction(float(np.linalg.norm(in_units)), direction)
     sentence = (
         f"{what} is known only to {size}, because the motions leave {delay} open: "
-        "drive the same sweeps backwards, or stop at three places"
+        "drive the same sweeps backwards, or stop at eight places"
     )
     return status, others, [sentence]

@@ -174,7 +174,8 @@ def pose_entries(
     columns |= zip(turn.columns, angles.T, strict=True)
     others = listed(p.name for p in poses.block.poses.values() if p.name != poses.name)
     beside = f", not {others}" if others else ""
-    words = f"{len(labels)} {poses.name or 'poses'}{beside} in {unit}{of_angle}"
+    name = "poses" if poses.name in ("", "pose") else poses.name
+    words = f"{len(labels)} {name}{beside} in {unit}{of_angle}"
     taken["poses"] = f"{poses.path.name}: {words}"
     taken["pose_columns"] = f"{', '.join(poses.columns)}: {turn.meaning}"
     lines = [*poses.block.table.index]

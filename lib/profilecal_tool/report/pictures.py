@@ -240,7 +240,7 @@ def plot_patterns(found: Calibration) -> plt.Figure:
     """Residuals against all that faults depend on, each with the fault that a pattern
     there means.
     """
-    title = "By chance one dot in 20 leaves the band; more are a pattern"
+    title = "By chance one dot in 20 leaves the band: of 32, up to 4"
     figure, places = panels(2, 2, 2.2, title)
     draw_patterns(places, found)
     for axes, means in zip(places, PATTERNS.values(), strict=True):
@@ -294,7 +294,7 @@ def plot_points(found: Calibration) -> plt.Figure:
     middle, size = (seen.max(1) + seen.min(1)) / 2, 0.75 * np.ptp(seen, axis=1)
     x, z = np.linspace(middle - size, middle + size, 40).T
     sd = np.linalg.norm(found.point_sd_mm(*np.meshgrid(x, z)), axis=-1)
-    title = f"A point in the {found.frame} frame is known to … mm"
+    title = "A point is known to … mm"
     figure, (axes,) = panels(1, 1, 4.0, title)
     lines = axes.contour(x, z, sd, 4, colors=BLUE, linewidths=1)
     axes.clabel(lines, fmt="%.3g", fontsize=8)

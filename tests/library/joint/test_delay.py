@@ -105,7 +105,7 @@ def test_one_way_in_the_flange_is_never_ok(kind, speed):
         assert found.status != "ok"
         if speed > 10:
             assert found.status == "unobservable"
-            advice = "drive the same sweeps backwards, or stop at three places"
+            advice = "drive the same sweeps backwards, or stop at eight places"
             assert advice in " ".join(found.messages)
 
 
