@@ -63,6 +63,7 @@ def borders_of(shown: list[ndarray]) -> ndarray:
     """The lines (b, 3) at which the field of view may end, from where the runs of each
     profile end, (k, 2).
 
+    Most ends near a border are on it; those that a plan lines up spread by millimetres.
     In fewer than ten profiles a border need not show; any side of the hull may be one.
     """
     ends = np.concatenate(shown)
@@ -72,8 +73,9 @@ def borders_of(shown: list[ndarray]) -> ndarray:
         return ANYWHERE
     if len(shown) < 10:
         return sides
-    near = ends @ sides[:, :2].T + sides[:, 2] > -BLUNT
-    return sides[near.sum(axis=0) > 2 + len(shown) / 10]
+    off = ends @ sides[:, :2].T + sides[:, 2]
+    on, near = ((off > -mm).sum(axis=0) for mm in (BLUNT, CLEAR))
+    return sides[(on > 2 + len(shown) / 10) & (on > near / 2)]
 
 
 @dataclass(frozen=True)

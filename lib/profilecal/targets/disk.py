@@ -50,6 +50,7 @@ class Disk(Target):
     fit_is_best = False
     tables = ("profiles", "chords")
     finder = staticmethod(find_chords)
+    beside_mm = 6.0
     groups = 4
     positions = 40
     sizes = (50.0,)

@@ -228,8 +228,7 @@ def clearances(
 
     scanner = model.scanner
     # a part of the field of view on each side: features need what is around them
-    share = 0.05
-    border = share * (scanner.far - scanner.near) + model.beside_mm
-    side = (1 - share) * scanner.half_width(z) - model.beside_mm
+    border = 0.05 * (scanner.far - scanner.near) + model.beside_mm
+    side = 0.95 * scanner.half_width(z) - model.beside_mm
     borders = [z - scanner.near - border, scanner.far - border - z, side - x, side + x]
     return np.concatenate(borders, axis=1)

@@ -110,11 +110,10 @@ def model_of_scan(found: Calibration) -> tuple[ScanModel, Frames]:
 
     reach_mm = 200.0  # beyond the poses of a scan, the robot is believed to reach
     _, flange = model.in_base(R, T)
-    aside = off_square(model, R, T)[2]
     limits = Limits(
         low=flange.min(axis=0) - reach_mm,
         high=flange.max(axis=0) + reach_mm,
-        extent_mm=max(20.0, aside.max()),
+        extent_mm=max(20.0, off_square(model, R, T)[2].max()),
     )
     return replace(model, limits=limits), (R, T)
 

@@ -58,3 +58,14 @@ def test_a_side_wall_is_a_step_however_fine_the_points(width, tilt_deg):
         tips.append(chain[3:5])
     found = [feature.points for feature in features_of("disk", profiles, radius)]
     assert np.abs(np.array(found) - tips).max() < 5 * fine
+
+
+def test_a_limit_at_which_a_plan_lines_up_tips_is_no_border():
+    """Of disks before nothing; their near tips are within 2 mm of the limit."""
+    rng = default_rng(7)
+    profiles = []
+    for half in rng.uniform(12, 20, 16):
+        tips = turned([[0, 0], [2 * half, 0]], rng.uniform(0, 0.3), [-half, 180])
+        tips += [rng.uniform(-10, 10), rng.uniform(0, 2)]
+        profiles.append(Scanner().profile(above_table(tips, 500), rng))
+    assert all(feature.found for feature in features_of("disk", profiles))

@@ -8,6 +8,7 @@ from numpy.random import default_rng
 from planned import KINDS, model_for
 
 from profilecal.geometry.poses import inverse
+from profilecal.profiles.ends import CLEAR
 from profilecal.scan.scan import ScanError
 from profilecal_tool.plan.candidates import (
     BEYOND,
@@ -60,6 +61,14 @@ def test_poses_that_miss_the_target_have_no_clearance():
     R_view, _ = model.planes(R, T)
     beside = T + 1000 * R_view[..., 1]
     assert worst_clearance(model, R, beside).tolist() == [-np.inf] * 3
+
+
+@pytest.mark.parametrize(("kind", "table"), [("edge", "points"), ("disk", "chords")])
+def test_profiles_keep_what_tells_an_edge_or_a_chord_in_view(kind, table):
+    model = model_for(kind)
+    poses = draw(model, 30, default_rng(3))
+    room = worst_clearance(replace(model, measured=table), *poses)
+    assert (room - worst_clearance(model, *poses) > CLEAR).all()
 
 
 OUTSIDE, WIDE_GUESS = Limits(low=(0, 0, 0), high=(9, 9, 9)), {"mount_mm": 80}
