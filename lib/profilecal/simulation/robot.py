@@ -6,7 +6,7 @@ from a scene.
 """
 
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy import ndarray
@@ -182,7 +182,7 @@ class Scanner:
             expected = "expected 0 <= near < far, near_width > 0 and far_width > 0"
             raise ValueError(f"in [scanner] {expected}")
 
-    def half_width(self, z: ndarray) -> ndarray:
+    def half_width(self, z: float | ndarray) -> Any:
         """Half the field of view in x at depth z, mm."""
         widening = self.far_width - self.near_width
         width = self.near_width + widening * (z - self.near) / (self.far - self.near)
