@@ -246,8 +246,8 @@ class Calibration:
             total = self.sd_total_mm_deg
             lines += [
                 f"pose of the sensor in the {self.frame} frame, mm:\n{rows}",
-                f"one standard deviation, near these poses: {shift_and_turn(near)}",
-                f"one standard deviation, elsewhere: {shift_and_turn(total)}",
+                f"sd near these poses: {shift_and_turn(near)} about x, y, z",
+                f"sd elsewhere: {shift_and_turn(total)} about x, y, z",
             ]
         lines += [shorten(message, 88) for message in self.messages[:7]]
         return "\n".join(lines)
