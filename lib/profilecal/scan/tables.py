@@ -329,16 +329,21 @@ def write_table(path: Path, columns: Mapping[str, Sequence]) -> None:
     """Write a CSV file; numbers to twelve digits, times `t`, which may count from 1970,
     to all; NaN as an empty cell.
     """
-    cells = [cells_of(np.asarray(columns[name]), name == "t") for name in columns]
+    arrays = {name: np.asarray(values) for name, values in columns.items()}
+    rows = max(map(len, arrays.values()), default=0)
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        writer.writerows(zip(*cells, strict=True))
+        # the text of all would fill the memory, and hear no Ctrl-C
+        for first in range(0, rows, 1000):
+            part = slice(first, first + 1000)
+            cells = [cells_of(arrays[name][part], name == "t") for name in arrays]
+            writer.writerows(zip(*cells, strict=True))
 
 
-def cells_of(values: ndarray, exact: bool) -> Iterator:
-    """A column as `write_table` writes it, cell by cell: all would fill the memory."""
+def cells_of(values: ndarray, exact: bool) -> list:
+    """A column as `write_table` writes it."""
     if values.dtype.kind != "f":
-        return iter(values)
+        return values.tolist()
     written = repr if exact else "{:.12g}".format
-    return (written(value).replace("nan", "") for value in values.tolist())
+    return ["" if np.isnan(value) else written(value) for value in values.tolist()]
