@@ -86,8 +86,7 @@ def test_a_large_scan_is_written_whole_or_not_at_all(tmp_path, how, rows):
 def test_import_leaves_nothing(tmp_path, robots_files):
     command = [COMMAND, "import", robots_files, "scan", "--target", "plane"]
     folder = tmp_path / "scan"
-    # the scan is whole before import.toml is beside it
-    when = half_written(partial_of(partial_of(folder)))
+    when = half_written(partial_of(folder))
     said = stopped(command, tmp_path, signal.SIGTERM, when)
     assert os.listdir(tmp_path) == ["mine"]
     assert said == "\nInterrupted. Nothing was written.\n"
