@@ -41,7 +41,6 @@ from profilecal.scan.scan import Scan
 from profilecal.targets.observations import Observations
 
 FEWEST = 10
-TINY = 1e-9  # mm or degrees: no error
 LEAST_LINE = 10  # points of a line whose bend is looked at
 WIDTH = 1.96  # standard deviations from the middle to either end of 95 %
 

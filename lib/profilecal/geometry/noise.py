@@ -61,11 +61,6 @@ class Noise:
         share = sizes.get(SMOOTH, self.accuracy_mm) / (self.accuracy_mm or 1.0)
         return replace(self, **sizes, accuracy_deg=share * self.accuracy_deg)
 
-    @property
-    def smooth(self) -> dict[str, float]:
-        """The size of those that vary smoothly with the pose, if there are any."""
-        return {SMOOTH: self.accuracy_mm} if self.accuracy_mm else {}
-
 
 # the robot's: fresh at each visit, at each commanded pose, at each orientation
 ROBOT = (

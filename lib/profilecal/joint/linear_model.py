@@ -532,10 +532,10 @@ class LinearModel:
             EPE = J - J @ Q[level.groups] @ J - EA @ V @ EA.mT
             diagonal = np.einsum("gjj->j", EPE) - np.sum(f**2, axis=(0, 2))
             slope[level.errors] += units @ diagonal
-            by_unit = f * units.T
-            across[:, level.errors] += np.tensordot(EA, by_unit, ((0, 1), (0, 1)))
+            of_unit = f * units.T
+            across[:, level.errors] += np.tensordot(EA, of_unit, ((0, 1), (0, 1)))
             moves[level.groups] = moves[level.parents]
-            moves[level.groups, :, level.errors] = by_unit
+            moves[level.groups, :, level.errors] = of_unit
         for bundle, F in zip(self.bundles, moved, strict=True):
             F += bundle.E @ moves[bundle.groups, None]
         within += factors.solve(moved)[0][0]

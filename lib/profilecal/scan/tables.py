@@ -286,9 +286,9 @@ def parts_of_arrays(
     rows = min((column.size for column in columns.values()), default=0)
     check_columns(path, required, names, rows)
     for name, column in columns.items():
-        if column.shape != (rows,):
-            found = f"{name} has shape {column.shape}"
-            raise ScanError(f"{path}: {found}; expected ({rows},)")
+        if column.shape != (rows,) or column.dtype.kind not in "Ufiu":
+            found = f"{name} is {column.dtype} of shape {column.shape}"
+            raise ScanError(f"{path}: {found}; expected numbers or text, ({rows},)")
     for first in watched(range(0, rows, most), f"reading {path.name}"):
         chosen = slice(first, first + most)
         part = {name: column[chosen] for name, column in columns.items()}

@@ -66,7 +66,6 @@ class Edge(Target):
     turns = "xy"
     points = 1
     rows = 2
-    affine = True
     tables = ("profiles", "points")
     finder = staticmethod(find_edges)
     beside_mm = 6.0

@@ -37,7 +37,6 @@ class Point(Target):
     turns = ""
     points = 1
     rows = 3
-    affine = True
     steered = True
     tables = ("points",)
     groups = 20

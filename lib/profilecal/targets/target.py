@@ -128,8 +128,6 @@ class Target:
     points: int | None = None
     # residuals of each point
     rows: int
-    # inside a group of one orientation its points are affine in the flange's position
-    affine = False
     # the operator steers the scan plane through it, and records the pose that this
     # takes
     steered = False

@@ -7,6 +7,7 @@ from scipy.optimize import linprog
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.observe import as_observations, observe
+from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import Frames, nearest_rotation
 from profilecal.joint.prior import prior_from
 from profilecal.profiles.points import present
@@ -95,14 +96,21 @@ def model_of_scan(found: Calibration) -> tuple[ScanModel, Frames]:
     solution = found.solution
     (scan,), (observed,), (kept,) = found.scans, found.observed, solution.kept
     R, T = observed.R_flange[0][kept], observed.T_flange[0][kept]
+    prior = solution.prior
+    # where no pose is repeated, the errors of a visit are part of those of a pose
+    sizes = dict.fromkeys(ROBOT, 0.0)
+    for size in solution.error_sizes.sizes:
+        usual = getattr(prior.scales, size.name)
+        sizes[size.name] = size.middle if size.from_data else usual
+    sizes["profile_mm"] = solution.noise_mm
     model = ScanModel(
         solution.placements[0],
         facing=nearest_rotation((R @ solution.rotation).mean(axis=0)),
         R_sensor=solution.rotation,
         T_sensor=solution.translation,
         scanner=scanner_of(scan, observed),
-        noise=solution.noise,
-        systematic=solution.prior.systematic,
+        noise=prior.scales.of_sizes(sizes),
+        systematic=prior.systematic,
         to_hand=observed.eye_to_hand,
         measured=scan.measured,
         **typical_of(observed),

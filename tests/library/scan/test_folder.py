@@ -237,7 +237,8 @@ MISTAKES = {  # by what is said of each
     ),
     # the same in arrays
     "arcs.npz: no arrays; expected .* cut short": arrays_cut_short,
-    "arcs.npz: x has shape .12, 2.; expected .12,.": two_axes,
+    "x is float64 of shape .12, 2.; expected numbers or text, .12,.": two_axes,
+    "x is complex128 of shape": as_arrays("arcs", x=np.ones(12, complex)),
     r"arcs.npz: .* text .dtype str.: is it": as_arrays("arcs", z=np.array([None] * 12)),
     # labels
     "line 5: pose 'P2' is there twice": poses(relabelled("P2")),

@@ -43,7 +43,6 @@ class Groove(Target):
     turns = "xyz"
     points = 3
     rows = 2
-    affine = True
     groups = 8
     positions = 4
     sizes = (20.0, 8.0)

@@ -226,7 +226,7 @@ def test_an_accuracy_takes_as_many_poses_as_it_takes(tmp_path):
 def test_a_wide_guess_gets_a_first_step_whose_answer_plans_the_second(tmp_path):
     margins = "mount_mm = 15\nmount_deg = 8\ntarget_mm = 15\ntarget_deg = 8\n[noise]"
     wish = "until = [0.09, 0.045]\nhigh = [1200, 400, 800]"
-    # of seeds 2 to 5 the answers are 1.1 to 1.4 times as wide as what is asked for
+    # of seeds 2 to 5 the answers are 1.1 to 1.5 times as wide as what is asked for
     changes = ("[noise]", margins), ("poses = 8", wish), ("seed = 2", "seed = 4")
     spec = spec_in(tmp_path, *changes)
     first, second = tmp_path / "first", tmp_path / "second"
@@ -247,7 +247,7 @@ def test_a_wide_guess_gets_a_first_step_whose_answer_plans_the_second(tmp_path):
     answer = json.loads(output)
     assert answer["status"] == "ok"
     # poses are added until both are reached; one may be long before the other
-    assert max(stated_worst(answer) / [0.09, 0.045]) < 1.5
+    assert max(stated_worst(answer) / [0.09, 0.045]) == pytest.approx(1, rel=0.25)
     assert printed_square(answer, truth) < chi2.ppf(0.99, 6)
 
 
