@@ -210,7 +210,7 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     T, placement = found.pose[None], (np.array([origin]), np.array([axes]))
     state = State(T[:, :3, :3], T[:, :3, 3], (placement,))
     model = problem.model(state, [*noise.of_robot])
-    names = column_names(problem, alike, bool(noise.smooth))
+    names = column_names(problem, alike, noise.accuracy_mm > 0)
     return MountCheck(
         labels=tuple(scan.labels[i] for i in seen.poses),
         count=int(model.ranks.sum()),
