@@ -276,9 +276,10 @@ def check(folder):
 @ANSWER
 @CLOUD
 def verify(other, answer, cloud):
-    """Compare a sensor pose with a scan FOLDER not used to find it, or its answer.
+    """Compare an answer with another scan or another answer.
 
-    Status 1 if they contradict, 2 if FOLDER cannot tell.
+    The scan in FOLDER must not be one that T.json was found from. Status 1 if they
+    contradict each other, 2 if FOLDER cannot tell.
     """
     from profilecal_tool.words import verification_text
 
@@ -302,10 +303,10 @@ def verify(other, answer, cloud):
     help="A CSV file to add a row to, and its picture beside.",
 )
 def check_mount(folder, answer, log):
-    """Compare one to three poses of the same artefact with what T.json predicts.
+    """Has anything moved since T.json? A few poses tell.
 
-    FOLDER is a scan of it where it stood at the calibration. Status 1 if anything has
-    moved, 2 if FOLDER cannot tell.
+    FOLDER is a scan of the calibration's target where it stood then; one to three poses
+    are enough. Status 1 if anything has moved, 2 if FOLDER cannot tell.
     """
     from profilecal_tool.words import mount_check_text
 
@@ -381,7 +382,7 @@ def simulate(spec, folder, scan):
     help="Predict these instead: a CSV file, a scan folder.",
 )
 def plan(spec, folder, poses, until, within, given):
-    """Choose the poses that calibrate SPEC.toml best.
+    """Choose the best poses for what SPEC.toml describes.
 
     They go into a new FOLDER, ready to run. SPEC may be a scan folder: its answer says
     where everything is.
@@ -421,7 +422,7 @@ def plan(spec, folder, poses, until, within, given):
 @option(
     "--target",
     metavar="KIND",
-    help="What was scanned: edge, disk, …",
+    help="An edge, disk, ball, plane, rod or point.",
 )
 @option("--radius", type=float, help="Of a disk, ball or rod, mm.")
 @option("--mount", type=MOUNT, help="Where the scanner is.")

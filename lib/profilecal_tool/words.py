@@ -52,8 +52,8 @@ def answer_lines(found: Calibration, to_paste: str = "") -> list[str]:
         sd = points_known(found)
         lines.append(
             "points         one in the middle of what was seen is known to "
-            f"{brief(sd[1, 1])} mm, the robot's accuracy included; at its worst corner "
-            f"to {brief(sd.max())}"
+            f"{brief(sd[1, 1])} mm, the robot's smooth errors included; at the worst "
+            f"corner to {brief(sd.max())}"
         )
     return lines
 
@@ -75,10 +75,19 @@ def pose_lines(solution: Solution, frame: str, to_paste: str) -> list[str]:
         f"R = Rz({R:.4f}) Ry({P:.4f}) Rx({W:.4f})",
         to_paste,
         f"uncertainty    {deviations(solution.covariance)} about the sensor's x, y, z: "
-        "one standard deviation of the mount that these poses show, from noise, robot "
-        "errors, tolerances",
+        "one standard deviation, near these poses",
+        f"elsewhere      {deviations(solution.covariance_total)}"
+        + smooth_errors(solution.noise),
     ]
     return [line for line in lines if line]
+
+
+def smooth_errors(noise: Noise) -> str:
+    """What the uncertainty elsewhere has beside that near the poses."""
+    if not noise.accuracy_mm:
+        return ""
+    sizes = f"{brief(noise.accuracy_mm)} mm and {brief(noise.accuracy_deg)}°"
+    return f", with the robot's smooth errors, estimated at {sizes}"
 
 
 def note_lines(found: Calibration) -> list[str]:
@@ -196,10 +205,9 @@ def shared_by(found: Answer, other: Answer) -> str:
         {kind for kind, *_ in answer.joint.targets} if answer.joint else set()
         for answer in (found, other)
     )
-    artefact = f", of the {' or '.join(sorted(one & two))} if it is one" * bool(
-        one & two
-    )
-    return f"errors of the robot at all poses alike{artefact}: no difference shows them"
+    kinds = " or ".join(sorted(one & two))
+    target = f", of the {kinds} if it is one" * bool(kinds)
+    return f"errors of the robot at all poses alike{target}: no difference shows them"
 
 
 def mount_check_text(check: MountCheck, kind: str) -> str:

@@ -107,7 +107,8 @@ def left_out(labels: Sequence[str], reasons: Sequence[str]) -> tuple[str, ...]:
         if reason:  # in which numbers may differ
             alike.setdefault("".join(filter(str.isalpha, reason)), []).append(k)
     return tuple(
-        f"{len(own)} left out, {reasons[own[0]]}: {listed(labels[k] for k in own)}"
+        f"{len(own)} {'poses' if own[1:] else 'pose'} left out, "
+        f"{reasons[own[0]]}: {listed(labels[k] for k in own)}"
         for own in alike.values()
     )
 

@@ -125,7 +125,7 @@ def name_direction(
 
 def brief(value: float) -> str:
     """Two digits, or a whole number; never 1e+02."""
-    return f"{value:.2g}" if abs(value) < 99.5 else f"{value:.0f}"
+    return f"{value:#.2g}".rstrip(".") if abs(value) < 99.5 else f"{value:.0f}"
 
 
 def shift_and_turn(mm_deg: Iterable[float], between: str = "and") -> str:

@@ -69,7 +69,7 @@ def corners(runs: list[Run], view: View) -> Iterator[Candidate]:
     """Where neighbouring straight runs meet and point at the scanner: a ridge's apex,
     the corner of a bar.
 
-    The lines rest on points beyond the rounding of all corners; there is none where
+    The lines rest on points beyond the rounded tips of all corners; there is none where
     these are too few. Beside a shallow one the next face passes for a run's own.
     """
     faces: list[Run | None] = [*runs]
@@ -126,7 +126,7 @@ def of_usual_angle(
 def why_no_corner(runs: list[Run]) -> str:
     """What keeps a profile from showing a corner, as far as its straight runs tell."""
     if any(form_corner(*pair) for pair in pairwise(runs)):
-        few = f"fewer than {LEAST_SIDE} points beyond the rounding"
+        few = f"fewer than {LEAST_SIDE} points beyond the rounded tip"
         return f"one side of the corner shows {few}"
     if len(runs) == 1:
         return "one side of the corner shows too few points for a line"

@@ -12,18 +12,19 @@ import numpy as np
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
+from profilecal.geometry.observability import brief
 from profilecal_pages.figures import GREEN, ORANGE, RED
 from profilecal_tool.controllers import for_controller, writing_like
 from profilecal_tool.plan.scan_model import largest_sd
-from profilecal_tool.words import answer_lines, deviations, error_lines, points_known
+from profilecal_tool.words import answer_lines, error_lines, points_known
 
 VERDICTS = {
     "ok": (
-        "The scanner's pose is known to {:.2g} mm and {:.2g}°",
+        "The scanner's pose is known to {} mm and {}°",
         GREEN,
         "That is one standard deviation in the worst direction, on this robot near "
         "these poses. A measured point in the middle of what was seen is known to "
-        "{:.2g} mm, the robot's accuracy included.",
+        "{} mm, the robot's smooth errors included.",
     ),
     "weak": (
         "Solved, but not well enough to rely on",
@@ -66,8 +67,8 @@ def verdict(calibration: Calibration) -> Html:
     """The status in words, what to do about it, and what else there is to say."""
     title, colour, text = VERDICTS[calibration.status]
     if calibration.status == "ok":
-        title = title.format(*largest_sd(calibration.covariance_mm_deg))
-        text = text.format(points_known(calibration)[1, 1])
+        title = title.format(*map(brief, largest_sd(calibration.covariance_mm_deg)))
+        text = text.format(brief(points_known(calibration)[1, 1]))
     notes = words(calibration.messages) if calibration.messages else Html("", "")
     html = (
         f'<div class="verdict" style="border-left:6px solid {colour};'
@@ -78,28 +79,19 @@ def verdict(calibration: Calibration) -> Html:
 
 
 def answer(found: Calibration) -> Html:
-    """What was scanned, and what `profilecal calibrate` prints, without notes.
-
-    With the line for a robot that writes poses like these, and what the command leaves
-    out.
+    """What was scanned, and what `profilecal calibrate` prints, without notes, with the
+    line for a robot that writes poses like these.
     """
     scans = [
         f"scan           {scan.title or scan.kind}: {scan.description}"
         for scan in found.scans
     ]
-    to_paste, elsewhere = "", []
+    to_paste = ""
     if found.is_known:
         maker = writing_like(found.scans[0].convention)
         to_paste = for_controller(maker, found.pose, found.frame)
-        robot = found.solution.noise
-        total = deviations(found.solution.covariance_total)
-        elsewhere.append(
-            f"elsewhere      {total}, on a robot accurate to "
-            f"{robot.accuracy_mm:.2g} mm and {robot.accuracy_deg:.2g}° over its "
-            "workspace"
-        )
-    lines = [*answer_lines(found, to_paste), *elsewhere, *error_lines(found)]
-    text = "\n".join([*scans, *lines])
+    lines = [*scans, *answer_lines(found, to_paste), *error_lines(found)]
+    text = "\n".join(lines)
     return Html(f'<pre style="white-space:pre-wrap">{escape(text)}</pre>', text)
 
 

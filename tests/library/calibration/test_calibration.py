@@ -39,8 +39,10 @@ def test_poses_without_a_measurement_are_left_out_and_named_by_scan():
     unseen_point = with_values(edge, [4], lambda rows: rows[:0])
     unseen_disk = with_values(disk, [0], lambda rows: np.full((9, 2), np.nan))
     found = pc.calibrate([unseen_point, unseen_disk])
-    assert found.messages[0] == "edge: 1 left out, no point: g1p5"
-    assert found.messages[1].startswith("disk: 1 left out, nothing in this profile")
+    assert found.messages[0] == "edge: 1 pose left out, no point: g1p5"
+    assert found.messages[1].startswith(
+        "disk: 1 pose left out, nothing in this profile"
+    )
     assert "edge: g1p5" not in found.poses_used
 
 
@@ -77,9 +79,7 @@ def test_scans_that_do_not_belong_together_are_refused():
 def test_a_scan_that_shows_nothing_is_refused():
     scan = scan_of("edge", seed=1)
     blind = replace(scan, values=tuple(rows[:0] for rows in scan.values))
-    sentence = (
-        r"was found from 0 poses; expected 3 or more \(250 left out, no point: g1p1"
-    )
+    sentence = r"from 0 poses; expected 3 or more \(250 poses left out, no point: g1p1"
     with pytest.raises(pc.ScanError, match=sentence):
         pc.calibrate(blind)
 

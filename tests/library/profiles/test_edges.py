@@ -86,5 +86,5 @@ def test_a_corner_with_a_side_of_few_points_says_so():
     assert not six.found
     assert not three.found
     start = "one side of the corner shows"
-    assert six.reason == f"{start} fewer than 10 points beyond the rounding"
+    assert six.reason == f"{start} fewer than 10 points beyond the rounded tip"
     assert three.reason == f"{start} too few points for a line"

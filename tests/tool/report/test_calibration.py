@@ -69,7 +69,7 @@ def test_several_scans_and_rejected_poses_are_named():
     assert first == below
     rejected = f"Pose A <bar> & more: {edge.labels[10]}: "
     assert re.search(rf"{rejected}\d+\.\d times the noise; chance explains \d", text)
-    assert f"1 left out, no point: {edge.labels[20]}" in text
+    assert f"1 pose left out, no point: {edge.labels[20]}" in text
     assert "Ball: ball, radius 25 mm" in text
 
 
