@@ -192,7 +192,8 @@ def plot_profiles(
                 axes.plot(*feature.points.T, "o", ms=5, mfc="none", mec=RED, mew=1.3)
             note = "not found" if feature.reason else "rejected" * (label in rejected)
             colour = RED if note else "0.2"
-            axes.set_title(f"{label[:10]} {note}".strip(), color=colour, fontsize=8)
+            title = f"{label[:10]} {note}".strip()
+            axes.set_title(title, y=1, color=colour, fontsize=8)
         for axes in places[len(page) :]:
             axes.axis("off")
         yield figure
