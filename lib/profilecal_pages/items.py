@@ -258,20 +258,15 @@ def tally(gathered: Gathered) -> pd.DataFrame:
 
 
 def sentence(gathered: Gathered) -> str:
-    """What became of the printed results, in four counts."""
-    count = Counter(
-        (bool(item.free), mark)
-        for _, item in gathered
-        for mark in item.counted.verdicts
-    )
-    apart = count[False, "not counted"] + count[True, "not counted"]
-    compatible, differ = count[True, "compatible"], count[True, "differs"]
+    """What became of the printed results, in counts."""
+    count = Counter(mark for _, item in gathered for mark in item.counted.verdicts)
+    apart = count["not counted"]
     return (
-        f"Of {count.total()} printed results {apart} are not counted: no listed "
-        f"change made them fail. Of the others, {count[False, 'reproduced']} are "
-        f"reproduced from printed inputs, {compatible} of "
-        f"{compatible + differ} compatible with unprinted settings "
-        f"that we chose; {count[False, 'differs']} others differ."
+        f"Of {count.total()} printed results {apart} are not counted: they restate "
+        "others, or no change listed on page 01 made them fail. "
+        f"Of the other {count.total() - apart}, {count['reproduced']} are reproduced "
+        f"from printed inputs, {count['compatible']} are compatible with settings "
+        f"that we chose, and {count['differs']} differ."
     )
 
 

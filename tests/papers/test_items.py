@@ -50,7 +50,7 @@ def test_the_reading_counts_that_the_item_names():
     assert {row.reading for row in item.counted.rows} == {"rms"}
     (line,) = items.tally([("11", item)]).to_dict("records")
     assert (line["printed"], line["differs"]) == (12, 3)
-    assert "; 3 others differ" in items.sentence([("11", item)])
+    assert ", and 3 differ" in items.sentence([("11", item)])
     assert "As ours: 9 of 12. The reading that counts: rms." in item.summary
     html = shown(item)
     assert html.index("<th>rms</th>") < html.index("<th>mean</th>")
