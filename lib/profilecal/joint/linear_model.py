@@ -47,7 +47,7 @@ share, for each column of Z, and Q their covariance, with T = 1 - K J,
 
     β = M⁻¹ s (c - J b_above)      b = b_above + s β      Q = K + T Q_above Tᵀ
     C⁻¹ Z = L⁻ᵀ (W_Z - W_E b)      (C⁻¹)_ii = L⁻ᵀ (1 - W_E Q W_Eᵀ) L⁻¹
-    E_gᵀ C⁻¹ E_g = J - J Q J       E_gᵀ C⁻¹ Z = Σ E_iᵀ (C⁻¹ Z)_i
+    E_gᵀ C⁻¹ E_g = J - J Q J       E_gᵀ C⁻¹ Z = s⁻¹ β
     Zᵀ C⁻¹ Z = Σ |W_Z - W_E b|² + Σ |β|²
 
 The last line is a sum of squares: the shorter Σ Zᵀ D⁻¹ Z - Σ cᵀ K c loses digits.
@@ -57,7 +57,7 @@ among the columns, Z = [B | A | r], with the precision 1 / s² of their coeffici
 so before the others in a Cholesky factor.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -67,19 +67,19 @@ from numpy import ndarray
 
 from profilecal.geometry.noise import by_unit
 from profilecal.geometry.observability import HAND_PRECISION
-from profilecal.joint.nesting import Level, nesting
+from profilecal.joint.nesting import Level, add_up, nesting
 from profilecal.joint.smooth import SmoothErrors
 from profilecal.targets.observations import PoseGroups
 
 ROUNDING = 1e-13  # of the largest entry of a matrix of products
-AT_ONCE = 50_000  # numbers of the rows of several sets: what a cache holds
+AT_ONCE = 45_000  # numbers of the rows of several sets: what a cache holds
 
 
 @dataclass(frozen=True)
-class Bundle:
-    """The rows of Q profiles at most of each of b groups, zeros where there are fewer,
-    and the parts of their D: by the scanner's noise, and by each error that no other
-    profile shares.
+class Rows:
+    """The rows that speak of the flange, of b bundles of Q profiles at most, zeros
+    where there are fewer, and the parts of their D: by the scanner's noise, and by each
+    error that no other profile shares.
     """
 
     groups: ndarray  # (b,)
@@ -101,33 +101,30 @@ class Node:
 
 @dataclass(frozen=True)
 class Factors:
-    """C for S sets of variances, by its structure: of each bundle of profiles, and of
-    each level of groups.
+    """C for S sets of variances, by its structure: of each profile, and of each level
+    of groups.
     """
 
+    rows: Rows
     count: int  # of groups
-    bundles: list[Bundle]
-    log_det: ndarray  # (S,) log |C|
-    roots: list[ndarray]  # (S, b, Q, q, q) L⁻¹ of D
-    W_E: list[ndarray]  # (S, b, Q q, 6)
+    root: ndarray  # (S, b, Q, q, q) L⁻¹ of D
+    W_E: ndarray  # (S, b, Q q, 6)
     nodes: list[Node]  # from coarse to fine
+    log_det: ndarray  # (S,) log |C|
 
-    def solve(self, rows: Iterable[ndarray]) -> tuple[ndarray, ndarray]:
-        """Zᵀ C⁻¹ Z (S, columns, columns), and b (S, groups, 6, columns), for rows Z
-        (b, Q, q, columns) of each bundle.
+    def solve(self, Z: ndarray) -> tuple[ndarray, ndarray, ndarray]:
+        """For rows Z (b, Q, q, columns): Zᵀ C⁻¹ Z (S, columns, columns), W_Z - W_E b
+        (S, b, Q q, columns), and c - J b_above (S, groups, 6, columns).
         """
-        known = [*zip(self.bundles, self.W_E, strict=True)]
-        left = []
-        for root, Z in zip(self.roots, rows, strict=True):
-            left.append((root @ Z).reshape(*root.shape[:2], -1, Z.shape[-1]))
-        S, *_, columns = left[0].shape
-        b = np.zeros((S, self.count, known[0][1].shape[-1], columns))
+        S, bundles, _, axes = self.W_E.shape
+        columns = Z.shape[-1]
+        W = (self.root @ Z).reshape(S, bundles, -1, columns)
+        b = np.zeros((S, self.count, axes, columns))
         c = np.zeros_like(b)
-        for (bundle, W_E), W in zip(known, left, strict=True):
-            c[:, bundle.groups] += W_E.mT @ W
+        add_up(c, self.rows.groups, self.W_E.mT @ W)
         for node in self.nodes[:0:-1]:
             beta = node.Ms @ c[:, node.level.groups]
-            node.level.add_to_parents(c, beta / node.s)
+            add_up(c, node.level.parents, beta / node.s)
 
         products = np.zeros((S, columns, columns))
         for node in self.nodes:
@@ -138,14 +135,14 @@ class Factors:
             beta = node.Ms @ c[:, groups]
             b[:, groups] = above + node.s * beta
             products += squares(beta)
-        for (bundle, W_E), W in zip(known, left, strict=True):
-            W -= W_E @ b[:, bundle.groups]
-            products += squares(W)
-        return products, b
+        W -= self.W_E @ b[:, self.rows.groups]
+        products += squares(W)
+        return products, W, c
 
+    @cached_property
     def covariances(self) -> ndarray:
-        """Q (groups, 6, 6), for one set of variances."""
-        axes = self.W_E[0].shape[-1]
+        """Q (groups, 6, 6), for the first set of variances."""
+        axes = self.W_E.shape[-1]
         Q = np.zeros((self.count, axes, axes))
         for node in self.nodes:
             K = (node.s * node.Ms)[0]
@@ -178,8 +175,9 @@ class Posterior:
     L: ndarray  # (S, m + n + 1, m + n + 1)
     square: ndarray  # (S,) rᵀ P r, the χ² of the residuals
     log_evidence: ndarray  # (S,) of the variances
-    # of the rows that speak of the flange, if there are any, for the last sets: C and b
-    last: list[tuple[Factors, ndarray]]
+    # of the rows that speak of the flange, if there are any, for the last sets: C and
+    # what it says of Z, as `Factors.solve` has it
+    last: tuple[Factors, ndarray, ndarray, ndarray] | None
 
     @cached_property
     def root(self) -> ndarray:
@@ -306,7 +304,7 @@ class LinearModel:
         other.kept = kept
         if self.smooth and not kept.all():
             other.smooth = self.smooth.keeping(kept)
-        for name in ("bundles", "rest_of_kept"):
+        for name in ("Z", "rows", "rest_of_kept"):
             vars(other).pop(name, None)
         return other
 
@@ -322,42 +320,29 @@ class LinearModel:
         """
         other = copy(self)
         products, _ = self.rest_of_kept
-        for bundle in self.bundles:
-            products = products + squares(bundle.Z[None])[0]
+        products = products + squares(self.Z[None, self.kept])[0]
         other.rest_of_kept = products, int(self.counts[self.kept].sum())
-        other.bundles = []
+        other.rows = None
         return other
 
-    def rows(self, profiles: ndarray) -> tuple[ndarray, ndarray]:
-        """E (..., q, 6) and [B | A | r] (..., q, m + n + 1) of profiles (...); zeros
-        for -1.
-        """
-        real = (profiles >= 0)[..., None, None]
-        E, Z = self.E[profiles] * real, self.Y[profiles] * real
-        if self.smooth:
-            left = self.smooth.left(profiles.ravel())
-            B = E[..., :6] @ left.reshape(*profiles.shape, 6, self.m)
-            Z = np.concatenate([B, Z], axis=-1)
-        return E, Z
-
-    @property
-    def at_once(self) -> int:
-        """So many profiles have as many numbers as a cache holds."""
-        return AT_ONCE // (self.q * (self.axes + self.m + self.n + 1))
+    @cached_property
+    def Z(self) -> ndarray:
+        """[B | A | r] (profiles, q, m + n + 1) of the rows that speak of the flange."""
+        if not self.smooth:
+            return self.Y
+        return np.concatenate([self.E[..., :6] @ self.smooth.left, self.Y], axis=2)
 
     @cached_property
-    def bundles(self) -> list[Bundle]:
-        """Of the profiles kept, as `Nesting.bundles` has them."""
-        found = []
-        most = max(1, self.at_once)
-        for groups, profiles in self.nesting.bundles(self.kept, most):
-            E, Z = self.rows(profiles)
-            parts = [np.broadcast_to(np.eye(self.q), (*profiles.shape, self.q, self.q))]
-            for error, alone in self.nesting.own:
-                by_error = E * alone[profiles, None, None] * self.units[error]
-                parts.append(by_error @ E.mT)
-            found.append(Bundle(groups, profiles, E, Z, np.array(parts)))
-        return found
+    def rows(self) -> Rows | None:
+        """Of the profiles kept."""
+        groups, profiles = self.nesting.bundles(self.kept)
+        real = (profiles >= 0)[..., None, None]
+        E, Z = self.E[profiles] * real, self.Z[profiles] * real
+        parts = [np.broadcast_to(np.eye(self.q), (*profiles.shape, self.q, self.q))]
+        for error, alone in self.nesting.own:
+            by_error = E * alone[profiles, None, None] * self.units[error]
+            parts.append(by_error @ E.mT)
+        return Rows(groups, profiles, E, Z, np.array(parts))
 
     @property
     def of_own(self) -> list[int]:
@@ -370,40 +355,32 @@ class LinearModel:
         and how many residuals it is. Rows of zeros count among the others and are taken
         off here.
         """
-        rows = self.q * sum(bundle.profiles.size for bundle in self.bundles)
         products = np.zeros((self.m + self.n + 1,) * 2)
         products[self.m :, self.m :] = squares(self.rest[None, self.kept])[0]
-        return products, int(self.counts[self.kept].sum()) - rows
+        others = self.q * self.rows.profiles.size
+        return products, int(self.counts[self.kept].sum()) - others
 
     def factors(self, v: ndarray) -> Factors:
         """C of the rows for variances v (S, 1 + k), without smooth errors."""
-        S, a = len(v), self.axes
-        J = np.zeros((S, self.nesting.count, a, a))
-        log_det = np.zeros(S)
-        roots, all_W_E, nodes = [], [], []
-        of_own = v[:, self.of_own]
-        for bundle in self.bundles:
-            D = np.tensordot(of_own, bundle.parts, 1)
-            root, of_profiles = inverse_root(D.reshape(S, -1, self.q, self.q))
-            root = root.reshape(D.shape)
-            W_E = (root @ bundle.E).reshape(S, len(bundle.groups), -1, a)
-            J[:, bundle.groups] += W_E.mT @ W_E
-            log_det += of_profiles
-            roots.append(root)
-            all_W_E.append(W_E)
+        rows, S, a = self.rows, len(v), self.axes
+        D = np.tensordot(v[:, self.of_own], rows.parts, 1)
+        root, log_det = inverse_root(D.reshape(S, -1, self.q, self.q))
+        root = root.reshape(D.shape)
+        W_E = (root @ rows.E).reshape(S, len(rows.groups), -1, a)
+        sums = np.zeros((S, self.nesting.count, a, a))
+        add_up(sums, rows.groups, W_E.mT @ W_E)
+        nodes = []
         for level in self.nesting.levels[::-1]:
-            of_level = J[:, level.groups]
+            J = sums[:, level.groups]
             # above zero: what is shared is divided by it
             s = np.sqrt(v[:, level.errors] @ self.units[level.errors]) + 1e-100
             s = s[:, None, :, None]
-            root, of_groups = inverse_root(np.eye(a) + s * of_level * s.mT)
+            M_root, of_groups = inverse_root(np.eye(a) + s * J * s.mT)
             log_det += of_groups
-            Ms = root.mT @ root * s.mT
-            nodes.append(Node(level, of_level, s, Ms))
-            if level is not self.nesting.levels[0]:
-                level.add_to_parents(J, Ms @ of_level / s)
-        known = self.nesting.count, self.bundles
-        return Factors(*known, log_det, roots, all_W_E, nodes[::-1])
+            Ms = M_root.mT @ M_root * s.mT
+            nodes.append(Node(level, J, s, Ms))
+            add_up(sums, level.parents, Ms @ J / s)
+        return Factors(rows, self.nesting.count, root, W_E, nodes[::-1], log_det)
 
     def posterior(self, v: ndarray) -> Posterior:
         """What is known of x for variances v (S, 1 + k), the scanner's first."""
@@ -412,16 +389,15 @@ class LinearModel:
         N = rest / v0[:, None, None]
         N[:, m:, m:] += self.of_mount
         log_det = count * np.log(v0)
-        profiles = sum(bundle.profiles.size for bundle in self.bundles)
-        some = max(1, self.at_once // max(1, profiles))
-        last = []
-        for start in range(0, len(v) * bool(self.bundles), some):
-            part = slice(start, start + some)
-            factors = self.factors(v[part])
-            products, b = factors.solve([bundle.Z for bundle in self.bundles])
-            N[part] += products
-            log_det[part] += factors.log_det
-            last = [(factors, b)]
+        last = None
+        if self.rows:
+            some = max(1, AT_ONCE // self.rows.Z.size)
+            for start in range(0, len(v), some):
+                part = slice(start, start + some)
+                factors = self.factors(v[part])
+                last = factors, *factors.solve(self.rows.Z)
+                N[part] += last[1]
+                log_det[part] += factors.log_det
 
         products, H = N[0].copy(), N
         s = np.sqrt(v[:, -1, None, None])
@@ -505,58 +481,42 @@ class LinearModel:
         self, posterior: Posterior, slope: ndarray, within: ndarray, across: ndarray
     ) -> None:
         """Add what the rows that speak of the flange say, as in `gradient`."""
-        a, k = self.axes, len(slope)
-        ((factors, _),) = posterior.last
-        _, V = posterior.whole
-        sums = np.zeros((1, self.nesting.count, a, len(V) + 1))  # Σ E_iᵀ [C⁻¹ A | w]
-        moved = []
-        for bundle, P, CA, w in self.precisions(posterior):
-            parts, b = bundle.parts, len(bundle.groups)
-            less = P - w[..., None] * w[..., None, :]
-            slope[self.of_own] += np.tensordot(parts, less, 4)
-            F = np.zeros((*w.shape, k))  # M_k w
-            F[..., self.of_own] = np.moveaxis((parts @ w[..., None])[..., 0], 0, -1)
-            both = np.concatenate([CA, w[..., None]], axis=-1)
-            both = both.reshape(b, -1, len(V) + 1)
-            sums[0, bundle.groups] += bundle.E.reshape(b, -1, a).mT @ both
-            across += CA.reshape(-1, len(V)).T @ F.reshape(-1, k)
-            moved.append(F)
-        for node in factors.nodes[:0:-1]:
-            node.level.add_to_parents(sums, sums[:, node.level.groups])
-        Q = factors.covariances()
-        moves = np.zeros((self.nesting.count, a, k))
+        factors, _, _, (c, *_) = posterior.last
+        rows, Q, k = factors.rows, factors.covariances, len(slope)
+        x, V = posterior.whole
+        P, CA, w = self.precisions(posterior)
+        slope[self.of_own] += np.tensordot(rows.parts, P, 4)
+        moves = np.zeros((len(Q), self.axes, k))  # of groups, by M_k w
         for node in factors.nodes:
             level, J = node.level, node.J[0]
             units = self.units[level.errors]
-            EA, f = np.split(sums[0, level.groups], [-1], axis=2)
+            EZ = node.Ms[0] @ c[level.groups] / node.s[0]  # E_gᵀ C⁻¹ Z
+            EA, f = EZ[..., :-1], EZ @ np.append(x, 1.0)
             EPE = J - J @ Q[level.groups] @ J - EA @ V @ EA.mT
-            diagonal = np.einsum("gjj->j", EPE) - np.sum(f**2, axis=(0, 2))
-            slope[level.errors] += units @ diagonal
-            of_unit = f * units.T
-            across[:, level.errors] += np.tensordot(EA, of_unit, ((0, 1), (0, 1)))
+            slope[level.errors] += units @ np.einsum("gjj->j", EPE)
             moves[level.groups] = moves[level.parents]
-            moves[level.groups, :, level.errors] = of_unit
-        for bundle, F in zip(self.bundles, moved, strict=True):
-            F += bundle.E @ moves[bundle.groups, None]
-        within += factors.solve(moved)[0][0]
+            moves[level.groups, :, level.errors] = f[..., None] * units.T
+        F = rows.E @ moves[rows.groups, None]  # M_k w
+        own = rows.parts @ w[..., None]
+        F[..., self.of_own] += np.moveaxis(own[..., 0], 0, -1)
+        slope -= np.tensordot(w, F, 3)
+        across += np.tensordot(CA, F, ((0, 1, 2), (0, 1, 2)))
+        within += factors.solve(F)[0][0]
 
-    def precisions(
-        self, posterior: Posterior
-    ) -> Iterator[tuple[Bundle, ndarray, ndarray, ndarray]]:
-        """Of each bundle: it; P_ii (b, Q, q, q), C⁻¹ [B | A] (b, Q, q, m + n) and w =
-        P r (b, Q, q) of the rows of its profiles, for one set of variances.
+    def precisions(self, posterior: Posterior) -> tuple[ndarray, ndarray, ndarray]:
+        """P_ii (b, Q, q, q), C⁻¹ [B | A] (b, Q, q, m + n) and w = P r (b, Q, q) of the
+        rows of each profile, for one set of variances.
         """
-        ((factors, (b,)),) = posterior.last
+        factors, _, (W, *_), _ = posterior.last
         x, V = posterior.whole
-        Q = factors.covariances()
-        known = factors.bundles, factors.roots, factors.W_E
-        for bundle, (root, *_), (W_E, *_) in zip(*known, strict=True):
-            W_E = W_E.reshape(*root.shape[:-1], -1)
-            inside = np.eye(self.q) - W_E @ Q[bundle.groups, None] @ W_E.mT
-            X = root.mT @ (root @ bundle.Z - W_E @ b[bundle.groups, None])
-            CA = X[..., :-1]
-            w = X @ np.append(x, 1.0)
-            yield bundle, root.mT @ inside @ root - CA @ V @ CA.mT, CA, w
+        root = factors.root[0]
+        W_E = factors.W_E[0].reshape(*root.shape[:-1], -1)
+        Q = factors.covariances[factors.rows.groups, None]
+        inside = np.eye(self.q) - W_E @ Q @ W_E.mT
+        X = root.mT @ W.reshape(*root.shape[:-1], -1)
+        CA = X[..., :-1]
+        P = root.mT @ inside @ root - CA @ V @ CA.mT
+        return P, CA, X @ np.append(x, 1.0)
 
     def own(self, v: ndarray) -> ndarray:
         """Covariances (profiles, q, q) of the rows of each profile by itself, for
@@ -581,16 +541,14 @@ class LinearModel:
         Johnson 1992).
         """
         x, V = posterior.whole
-        errors = np.zeros((len(self.E), self.q))
-        covariances = self.own(posterior.v[0])
-        others = np.flatnonzero(~self.kept)
-        _, Z = self.rows(others)
-        errors[others] = Z @ np.append(x, 1.0)
-        covariances[others] += Z[..., :-1] @ V @ Z[..., :-1].mT
-        for bundle, P, _, w in self.precisions(posterior):
-            real = bundle.profiles >= 0
-            profiles = bundle.profiles[real]
+        errors = self.Z @ np.append(x, 1.0)
+        A = self.Z[..., :-1]
+        covariances = self.own(posterior.v[0]) + A @ V @ A.mT
+        if posterior.last:
+            P, _, w = self.precisions(posterior)
+            real = self.rows.profiles >= 0
             covariance = np.linalg.pinv(P[real], hermitian=True)
+            profiles = self.rows.profiles[real]
             covariances[profiles] = covariance
             errors[profiles] = (covariance @ w[real][..., None])[..., 0]
         return errors, covariances

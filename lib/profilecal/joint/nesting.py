@@ -22,12 +22,6 @@ class Level:
     groups: slice  # which groups these are
     parents: ndarray  # the coarser group that holds each, in rising order
 
-    def add_to_parents(self, sums: ndarray, parts: ndarray) -> None:
-        """Add parts (S, G, ...) of these groups to the sums of those that hold them."""
-        firsts = np.flatnonzero(np.diff(self.parents, prepend=-1))
-        total = np.add.reduceat(parts, firsts, axis=1)
-        sums[:, self.parents[firsts]] += total
-
 
 @dataclass(frozen=True, eq=False)
 class Nesting:
@@ -39,31 +33,35 @@ class Nesting:
     holder: ndarray  # (profiles,) the finest group that holds each
     count: int  # of groups
 
-    def bundles(self, kept: ndarray, most: int) -> list[tuple[ndarray, ndarray]]:
-        """The profiles kept (profiles,) in bundles of at most about `most`: the groups
-        (b,) that hold them, each once, and (b, Q) profiles of each; -1 where there are
-        fewer. A larger group is in several bundles.
+    def bundles(self, kept: ndarray) -> tuple[ndarray, ndarray]:
+        """The profiles kept (profiles,) in b bundles of at most Q, the mean number that
+        a group holds: the group (b,) of each, in rising order, and its profiles (b, Q);
+        -1 where there are fewer. A larger group has several bundles.
         """
         profiles = np.flatnonzero(kept)
         profiles = profiles[np.argsort(self.holder[profiles], kind="stable")]
         holder = self.holder[profiles]
+        groups = np.count_nonzero(np.bincount(holder))
+        Q = -(-len(holder) // max(1, groups))
         place = np.arange(len(holder)) - np.searchsorted(holder, holder)
-        starts = np.flatnonzero(place % most == 0)  # of groups, or parts of large ones
-        sizes = np.diff(np.append(starts, len(holder)))
-        # those of nearly one size together
-        kinds = np.stack([place[starts], 2 * np.log2(sizes) // 1], axis=1)
-        found = []
-        for kind in np.unique(kinds, axis=0):
-            alike = np.flatnonzero((kinds == kind).all(axis=1))
-            of_group = np.arange(sizes[alike].max())
-            at_once = max(1, most // len(of_group))
-            for first in range(0, len(alike), at_once):
-                some = alike[first : first + at_once]
-                places = starts[some, None] + of_group
-                members = profiles.take(places, mode="clip")
-                members[of_group >= sizes[some, None]] = -1
-                found.append((holder[starts[some]], members))
-        return found
+        firsts = np.flatnonzero(place % Q == 0)
+        ends = np.append(firsts, len(holder))[1:, None]
+        members = firsts[:, None] + np.arange(Q)
+        bundled = np.where(members < ends, profiles.take(members, mode="clip"), -1)
+        return holder[firsts], bundled
+
+
+def add_up(sums: ndarray, holders: ndarray, parts: ndarray) -> None:
+    """Add parts (S, G, ...) to the sums (S, groups, ...) of the groups (G,) that hold
+    them, which are in rising order. Nothing is shared in group 0.
+    """
+    if not holders.any():
+        return
+    places = np.arange(len(holders))
+    firsts = places[places == np.searchsorted(holders, holders)]
+    if len(firsts) < len(holders):
+        parts = np.add.reduceat(parts, firsts, axis=1)
+    sums[:, holders[firsts]] += parts
 
 
 def nesting(profiles: int, numbers: Sequence[ndarray]) -> Nesting:

@@ -15,6 +15,7 @@ A wrist that turns over between two poses errs by a jump, which is none of these
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy import ndarray
@@ -28,7 +29,6 @@ REACH_MM = 750.0
 # A turn of the view counts as the way of a point so far from its middle.
 VIEW_MM = 20.0
 COEFFICIENTS = 27
-AT_ONCE = 2000  # profiles whose motions are in memory together
 # shifts (3, 3) of the ends of the three axes by turns
 BY_AXES = np.cross(np.eye(3), np.eye(3)[:, None]).mT
 # middle and steps of `SmoothErrors`
@@ -43,14 +43,9 @@ class SmoothErrors:
     sensor's axes.
     """
 
-    ways: ndarray  # (P, 3) of the flange, over REACH_MM
-    axes: ndarray  # (P, 3, 3) of the ways, in the sensor's frame
-    turns: ndarray  # (P, 3) rad
-    ratio: float  # an error of the orientation, rad, to one of the position
-    to_sensor: ndarray  # (P, 3, 3) from the base
-    places: ndarray  # (P, 3) of the middle of the view, in the base
-    arms: ndarray  # (P, 3) from the flange to that, in the sensor's frame
-    seen: ndarray  # (3,) the middle itself there
+    rigid: ndarray  # (P, 6, 12) motions by steps of the sensor pose and of the base
+    errors: ndarray  # (P, 6, 27) motions by each coefficient
+    arms: ndarray  # (P, 3) from the flange to the middle, in the sensor's frame
     middle: Frames  # orientation (3, 3) and position (3,) that they are counted from
     # (12, 27) the steps of sensor pose and base that take up the most of the errors
     steps: ndarray
@@ -62,46 +57,21 @@ class SmoothErrors:
         """What other poses need to know of these."""
         return *self.middle, self.steps
 
-    def motions(self, chosen: ndarray | slice) -> tuple[ndarray, ndarray]:
-        """Of some profiles, motions (p, 6, 12) by steps of the sensor pose and of the
-        base, and (p, 6, 27) by each coefficient.
-        """
-        M = self.to_sensor[chosen]
-        rigid = np.zeros((len(M), 6, 12))
-        rigid[:, :, :6] = shifting(self.seen[None])
-        rigid[:, :3, 6:9] = rigid[:, 3:, 9:] = M
-        rigid[:, :3, 9:] = M @ shifts_by_turn(self.places[chosen])
-        ways, turns = self.ways[chosen, None, None], self.turns[chosen, None, None]
-        of_turn = np.eye(3)[..., None] * turns
-        errors = np.zeros((len(M), 2, 3, 3, 3, 3))
-        errors[:, 0, :, 0] = self.axes[chosen][..., None] * ways
-        errors[:, 0, :, 1] = of_turn
-        errors[:, 1, :, 2] = self.ratio * of_turn
-        return rigid, shifting(self.arms[chosen]) @ errors.reshape(-1, 6, COEFFICIENTS)
-
-    def left(self, chosen: ndarray | slice = slice(None)) -> ndarray:
-        """Errors (p, 6, 27) of the flange without what the steps take up."""
-        rigid, errors = self.motions(chosen)
-        return shifting(-self.arms[chosen]) @ (errors - rigid @ self.steps)
+    @cached_property
+    def left(self) -> ndarray:
+        """Errors (P, 6, 27) of the flange without what the steps take up."""
+        return shifting(-self.arms) @ (self.errors - self.rigid @ self.steps)
 
     def keeping(self, kept: ndarray) -> "SmoothErrors":
         """The same where only the profiles kept (P,) say what the steps are: those that
         take up the most of their errors, by least squares.
         """
         weight = np.repeat([1.0, VIEW_MM], 3)[:, None]
-        products = np.zeros((12 + COEFFICIENTS,) * 2)
-        profiles = np.flatnonzero(kept)
-        for start in range(0, len(profiles), AT_ONCE):
-            chosen = profiles[start : start + AT_ONCE]
-            rows = weight * np.concatenate(self.motions(chosen), axis=2)
-            flat = rows.reshape(-1, len(products))
-            products += flat.T @ flat
-        rigid, across = products[:12, :12], products[:12, 12:]
-        units = np.maximum(np.diag(rigid), 1e-300) ** -0.5
-        inverse = np.linalg.pinv(rigid * np.outer(units, units), 1e-12, hermitian=True)
-        return replace(
-            self, steps=units[:, None] * (inverse @ (units[:, None] * across))
-        )
+        rigid = (weight * self.rigid[kept]).reshape(-1, 12)
+        errors = (weight * self.errors[kept]).reshape(-1, COEFFICIENTS)
+        units = np.linalg.norm(rigid, axis=0)
+        in_units = np.linalg.lstsq(rigid / units, errors, rcond=1e-6)[0]
+        return replace(self, steps=in_units / units[:, None])
 
 
 def smooth_errors(
@@ -127,19 +97,24 @@ def smooth_errors(
         rotation, place = nearest_rotation(R.mean(axis=0)), positions.mean(axis=0)
         steps = np.zeros((12, COEFFICIENTS))  # until they are found
     to_sensor = (R @ R_sensor).mT
-    errors = SmoothErrors(
-        ways=(positions - place) / REACH_MM,
-        # to hand, the sensor's axes stand still in the base
-        axes=np.broadcast_to(np.eye(3), R.shape) if to_hand else to_sensor,
-        turns=Rotation.from_matrix(rotation.T @ R, assume_valid=True).as_rotvec(),
-        ratio=ratio,
-        to_sensor=to_sensor,
-        places=R @ (R_sensor @ seen + T_sensor) + T,
-        arms=(T_sensor - to_hand * positions) @ R_sensor + seen,
-        seen=seen,
-        middle=(rotation, place),
-        steps=steps,
-    )
+    places = R @ (R_sensor @ seen + T_sensor) + T  # of the middle, in the base
+    rigid = np.zeros((len(R), 6, 12))
+    rigid[:, :, :6] = shifting(seen[None])
+    rigid[:, :3, 6:9] = rigid[:, 3:, 9:] = to_sensor
+    rigid[:, :3, 9:] = to_sensor @ shifts_by_turn(places)
+
+    # to hand, the sensor's axes stand still in the base
+    axes = np.eye(3)[None] if to_hand else to_sensor
+    ways = (positions - place) / REACH_MM
+    turns = Rotation.from_matrix(rotation.T @ R, assume_valid=True).as_rotvec()
+    of_turn = np.eye(3)[..., None] * turns[:, None, None]
+    of_flange = np.zeros((len(R), 2, 3, 3, 3, 3))
+    of_flange[:, 0, :, 0] = axes[..., None] * ways[:, None, None]
+    of_flange[:, 0, :, 1] = of_turn
+    of_flange[:, 1, :, 2] = ratio * of_turn
+    arms = (T_sensor - to_hand * positions) @ R_sensor + seen
+    moved = shifting(arms) @ of_flange.reshape(-1, 6, COEFFICIENTS)
+    errors = SmoothErrors(rigid, moved, arms, (rotation, place), steps)
     return errors if known else errors.keeping(np.full(len(R), True))
 
 

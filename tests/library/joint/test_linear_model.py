@@ -41,7 +41,7 @@ class Smooth:
     """Errors that are smooth, whichever profiles are kept."""
 
     def __init__(self, left):
-        self.left = left.__getitem__
+        self.left = left
         self.count = left.shape[-1]
 
     def keeping(self, kept):

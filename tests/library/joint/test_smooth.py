@@ -49,11 +49,10 @@ def test_steps_of_mount_and_base_move_the_view_as_moved_frames_do():
         turned, shift = rotations(step[3:]), step[:3]
         mount = R_sensor @ turned, T_sensor + R_sensor @ shift
         by_mount = motion(before, view(poses, mount)) / tiny
-        rigid, _ = errors.motions(slice(None))
-        assert_allclose(rigid[..., k], by_mount, atol=1e-3)
+        assert_allclose(errors.rigid[..., k], by_mount, atol=1e-3)
         base = turned @ R, T @ turned.T + shift
         by_base = motion(before, view(base, (R_sensor, T_sensor))) / tiny
-        assert_allclose(rigid[..., 6 + k], by_base, atol=2e-3)
+        assert_allclose(errors.rigid[..., 6 + k], by_base, atol=2e-3)
 
 
 def test_what_a_mount_and_a_base_take_up_is_left_out():
@@ -61,14 +60,13 @@ def test_what_a_mount_and_a_base_take_up_is_left_out():
     errors, *_ = some_errors()
     kept = np.arange(12) < 9
     weight = np.repeat([1.0, VIEW_MM], 3)[:, None]
-    rigid, moved = (
-        (weight * part).reshape(-1, part.shape[2]) for part in errors.motions(kept)
-    )
+    rigid = (weight * errors.rigid[kept]).reshape(-1, 12)
+    moved = (weight * errors.errors[kept]).reshape(-1, 27)
     steps = lstsq(rigid, moved)[0]
     of_kept = errors.keeping(kept)
     assert_allclose(of_kept.steps, steps, rtol=1e-6, atol=1e-6 * np.abs(steps).max())
     arms = errors.arms[kept]
-    left = (shifting(arms) @ of_kept.left(kept) * weight).reshape(moved.shape)
+    left = (shifting(arms) @ of_kept.left[kept] * weight).reshape(moved.shape)
     assert_allclose(left, moved - rigid @ steps, atol=1e-9)
 
 
@@ -95,7 +93,7 @@ def test_a_scale_of_the_robot_s_positions_is_such_an_error(to_hand):
     to_sensor = R_sensor.T if to_hand else (R @ R_sensor).mT
     motions = np.zeros((12, 6))
     motions[:, :3] = (to_sensor @ scaled[..., None])[..., 0]
-    columns = errors.motions(slice(None))[1].reshape(72, 27)
+    columns = errors.errors.reshape(72, 27)
     sizes = np.linalg.lstsq(columns, motions.ravel(), rcond=1e-9)[0]
     assert_allclose(columns @ sizes, motions.ravel(), atol=1e-9)
     # beside turns, which come with ways here
