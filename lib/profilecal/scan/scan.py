@@ -28,7 +28,7 @@ from profilecal.geometry.poses import (
     rotation_groups,
 )
 from profilecal.scan.conventions import CONVENTIONS, named, to_rotations
-from profilecal.scan.motion import check_times, checked_log, moment_label
+from profilecal.scan.motion import DELAY_MS, check_times, checked_log, moment_label
 from profilecal.scan.tables import ScanError, naming
 from profilecal.scan.toml import TEXT, Rule, check_entries, entries_of, number, one_of
 from profilecal.targets import TARGETS
@@ -124,7 +124,7 @@ class Scan:
         orientations: ArrayLike | None = None,
         log: tuple[ArrayLike, ArrayLike | RigidTransform] | None = None,
         times: ArrayLike | None = None,
-        sweeps: Sequence[str] | None = None,
+        sweeps: Sequence[str] = (),
         delay_ms: float | None = None,
         **lengths: float,
     ) -> "Scan":
@@ -213,7 +213,10 @@ class Scan:
             alike = get_close_matches(name, [*signature(cls.of).parameters, *known])
             if alike:
                 raise ScanError(f"Scan.of takes no {name!r}; is it {alike[0]!r}?")
-        check_entries("Scan", lengths, known, "", needed=known)
+        check_entries("Scan", lengths, known, needed=known)
+        if delay_ms is not None:
+            check_entries("Scan", {"delay_ms": delay_ms}, {"delay_ms": DELAY_MS})
+            delay_ms = float(delay_ms)
         measured, rows = the_one_given(
             profiles=profiles, points=points, chords=chords, arcs=arcs
         )
@@ -225,6 +228,8 @@ class Scan:
             if log is not None:
                 way = rigid("log T", log[1])
                 recorded = checked_log(log[0], way[:, :3, :3], way[:, :3, 3])
+            elif times is not None:
+                raise ValueError("times without a log; expected both or neither")
             values = rows_by_pose(measured, rows)
         numbered = range(1, len(T) + 1)
         return cls(
@@ -245,7 +250,7 @@ class Scan:
             orientation=printed,
             log=recorded,
             times=times,
-            sweeps=tuple(sweeps or ()),
+            sweeps=tuple(map(str, sweeps)),
             delay_ms=delay_ms,
         )
 

@@ -114,8 +114,9 @@ def new_folder(path: Path) -> Iterator[Path]:
 
     Raises ScanError where anything is there, or none can be.
     """
-    if path.exists() and (path.samefile(".") or any(path.iterdir())):
-        raise ScanError(f"{path}: already in use; name a new folder")
+    with naming(path):
+        if path.exists() and (path.samefile(".") or any(path.iterdir())):
+            raise ScanError(f"{path}: already in use; name a new folder")
     with written_whole(path) as partial:
         with naming(path):
             partial.mkdir(parents=True)

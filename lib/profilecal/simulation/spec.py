@@ -12,7 +12,7 @@ from numpy.random import Generator
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import Frames, homogeneous, inverse, rotations
 from profilecal.scan.conventions import CONVENTIONS
-from profilecal.scan.scan import MOUNTS, Scan, length_rules
+from profilecal.scan.scan import MEASURED, MOUNTS, Scan, length_rules
 from profilecal.scan.tables import ScanError, naming
 from profilecal.scan.toml import (
     Count,
@@ -32,8 +32,6 @@ from profilecal.targets.target import Target
 NAMES = [convention.name for convention in CONVENTIONS]
 # it sees a whole disk of 50 mm radius
 WIDE = Scanner(near=40.0, far=260.0, near_width=100.0, far_width=220.0)
-
-
 USUAL_NOISE = Noise(profile_mm=0.05)
 
 
@@ -179,7 +177,9 @@ def read_spec(
     entries = {"kind": Spec.kind} | dict(said)
     swept = "motion" in entries
     kinds = [kind for kind, one in TARGETS.items() if one.across or not swept]
-    check_entries(path, {"kind": entries["kind"]}, {"kind": one_of(kinds)})
+    allowed, expected = one_of(kinds)
+    kind_rule = allowed, expected + ", in motion" * swept
+    check_entries(path, {"kind": entries["kind"]}, {"kind": kind_rule})
     target = TARGETS[entries["kind"]]
     lengths = length_rules(target.kind)
     known = entries_of(described) | {
@@ -196,11 +196,12 @@ def read_spec(
         return made_of(described, entries)
 
 
+@naming("simulation")
 def simulate_scan(spec: Spec) -> Scan:
     """The scan that a robot with these errors and a scanner with this noise would
     record, and its truth.
 
-    Raises ScanError where it shows nothing.
+    Raises ScanError where it shows nothing, and for poses or speeds that no robot has.
     """
     rng = np.random.default_rng(spec.seed)
     scene = spec.scene(rng)
@@ -271,7 +272,7 @@ def scan_from(
         outlines = setup.target.outline(specimen, *planes, setup.facing[:, 2])
         seen = [spec.scanner.profile(outline, rng) for outline in outlines]
     else:
-        exact = setup.target.meet(*planes).reshape(len(planes[1]), 1, -1)
+        exact = setup.target.meet(*planes).reshape(-1, 1, len(MEASURED[measured]))
         seen = list(exact + spec.noise.profile_mm * rng.normal(size=exact.shape))
     values = [rows[np.isfinite(rows).all(axis=1)] for rows in seen]
     if measured == "profiles":  # a point is none

@@ -83,11 +83,13 @@ class Guess:
 
 def are_zones(value: object) -> bool:
     """Whether an entry is a list of zones."""
-    is_zone, _ = numbers(4)
-    return isinstance(value, list) and all(map(is_zone, value))
+    has_four, _ = numbers(4)
+    return isinstance(value, list) and all(
+        has_four(zone) and zone[3] > 0 for zone in value
+    )
 
 
-ZONES = are_zones, "a list of zones, each of four numbers: x, y, z, radius"
+ZONES = are_zones, "a list of zones, each x, y, z and a radius above 0"
 
 
 @dataclass(frozen=True)
@@ -161,10 +163,18 @@ class PlannedSpec(Spec):
         return Scene.of(setup, (R, T[:, None]), said["labels"], said["group"])
 
     def sweeps(self, scene: Scene) -> list[Sweep]:
-        """Straight ones between two poses of the file at a time."""
+        """Straight ones between two poses of the file at a time. Raises ScanError for
+        a file of others.
+        """
         if not (self.poses and self.motion):
             return []
         (R,), (T,) = scene.observations.R_flange, scene.observations.T_flange
+        begin, end = T[::2], T[1::2]
+        if len(begin) != len(end) or (begin == end).all(axis=1).any():
+            raise ScanError(
+                f"{self.poses}: expected two rows for each sweep, where it begins and "
+                "where it ends"
+            )
         return straight(scene, R, T, self.motion.speed)
 
 

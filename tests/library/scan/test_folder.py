@@ -305,4 +305,6 @@ def test_a_folder_with_something_in_it_is_not_overwritten(tmp_path):
     (tmp_path / "note.txt").write_text("mine")
     with pytest.raises(pc.ScanError, match="already in use; name a new folder"):
         pc.write_scan(random_scan(8), tmp_path)
+    with pytest.raises(pc.ScanError, match="Not a directory"):
+        pc.write_scan(random_scan(8), tmp_path / "note.txt")
     assert [path.name for path in tmp_path.iterdir()] == ["note.txt"]

@@ -22,6 +22,15 @@ RECORDED = {
 }
 
 
+T = homogeneous(np.eye(3), np.array([[400.0, 20 * t, 300] for t in range(4)]))
+MOVED = {
+    "points": [[1, 90], [2, 91], [1, 95]],
+    "log": ([0, 1, 2, 3], T),
+    "times": [1.0, 1.1, 1.2],
+    "sweeps": np.array(["there"] * 3),
+}
+
+
 def in_motion(kind="edge", **entries):
     return scan_of(kind, convention="KUKA angles", **{"motion": SWEEPS} | entries)
 
@@ -148,6 +157,25 @@ def test_mistakes_are_named(sentence, folder):
     MISTAKES[sentence](folder)
     with pytest.raises(pc.ScanError, match=sentence):
         pc.read_scan(folder)
+
+
+@pytest.mark.parametrize(
+    ("entries", "sentence"),
+    [
+        ({"delay_ms": "30"}, "delay_ms is '30'; expected -200 to 200"),
+        ({"delay_ms": np.nan}, "delay_ms is nan; expected -200 to 200"),
+        ({"log": None}, "times without a log; expected both or neither"),
+    ],
+)
+def test_wrong_arrays_are_named(entries, sentence):
+    with pytest.raises(pc.ScanError, match=sentence):
+        pc.Scan.of("edge", **MOVED | entries)
+
+
+def test_numpys_numbers_and_names_are_written_as_others(tmp_path):
+    made = pc.Scan.of("edge", **MOVED | {"delay_ms": np.int64(30)})
+    pc.write_scan(made, tmp_path / "scan")
+    assert_same(made, pc.read_scan(tmp_path / "scan"))
 
 
 def test_scans_of_several_delays_do_not_belong_together():

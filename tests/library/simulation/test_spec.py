@@ -3,6 +3,8 @@
 import pytest
 from command import run
 
+import profilecal as pc
+
 
 def test_simulate_writes_a_scan_that_calibrates_to_its_truth(tmp_path):
     spec = tmp_path / "spec.toml"
@@ -39,6 +41,7 @@ def test_simulate_writes_a_scan_that_calibrates_to_its_truth(tmp_path):
             "mount is missing in [guess]; expected 6 numbers",
         ),
         ("kind = ", "spec.toml: Invalid value"),
+        ('kind = "point"\n[motion]', "kind is 'point'; expected edge or disk or"),
     ],
 )
 def test_a_wrong_specification_is_refused(tmp_path, text, sentence):
@@ -47,3 +50,25 @@ def test_a_wrong_specification_is_refused(tmp_path, text, sentence):
     assert result.exit_code == 2
     assert f"spec.toml: {sentence.removeprefix('spec.toml: ')}" in result.output
     assert not (tmp_path / "scan").exists()
+
+
+IMPOSSIBLE = {
+    "the arm's wrist is up to": {
+        "robot": {"joint_deg": 0.1},
+        "seed": 12,
+        "mount": "eye-to-hand",
+    },
+    "the robot moves by .* mm/s at most": {
+        "motion": {"pattern": "random", "speed": 1.0, "sweeps": 1},
+        "seed": 2,
+    },
+    "anything in the scanner's range": {
+        "motion": {"dropped_percent": 90, "profiles": 1, "sweeps": 1}
+    },
+}
+
+
+@pytest.mark.parametrize("sentence", IMPOSSIBLE)
+def test_what_no_robot_does_is_refused(sentence):
+    with pytest.raises(pc.ScanError, match=sentence):
+        pc.simulate("edge", **IMPOSSIBLE[sentence])

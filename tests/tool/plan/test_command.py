@@ -277,6 +277,7 @@ WISHES = [
     (PLANNED, "low = [0, 0, 0]\nhigh = [9, 9, 9]", "are outside the box"),
     (PLANNED, "poses = 3000", "3000 in [plan]; expected a whole number, 0 to 1000"),
     (PLANNED, "tilt_deg = 0\nspin_deg = 0", "1° or more from those of the 1 chosen"),
+    (PLANNED, "avoid = [[900, 0, 600, -80]]", "expected a list of zones, each x, y, z"),
     ("profile_mm = 0.05", "profile_mm = 0", "a plan needs the scanner's noise"),
 ]
 

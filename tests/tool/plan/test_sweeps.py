@@ -67,3 +67,14 @@ def test_sweeps_are_as_many_as_it_takes_and_limits_cost_some(tmp_path):
     said = run("plan", spec, "--poses", "3").output
     assert "no straight sweep fits within the limits" in said
     assert "are outside the box" in said
+
+
+@pytest.mark.parametrize("rows", [1, 3])
+def test_poses_that_are_no_ends_of_sweeps_are_refused(tmp_path, rows):
+    sensor, target = PLACES["eye-in-hand"]
+    text = SPEC.format(kind="edge", mount="eye-in-hand", sensor=sensor, target=target)
+    (tmp_path / "spec.toml").write_text(text.replace("seed", 'poses = "p.csv"\nseed'))
+    lines = [f"{k},{900 + 5 * k},50,400,180,0,0" for k in range(rows)]
+    (tmp_path / "p.csv").write_text("\n".join(["pose,x,y,z,w,p,r", *lines]))
+    said = run("simulate", tmp_path / "spec.toml", tmp_path / "scan").output
+    assert "p.csv: expected two rows for each sweep" in said
