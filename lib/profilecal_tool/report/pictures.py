@@ -241,7 +241,7 @@ def plot_patterns(found: Calibration) -> plt.Figure:
     """Residuals against all that faults depend on, each with the fault that a pattern
     there means.
     """
-    title = "By chance one dot in 20 leaves the band: of 32, up to 4"
+    title = "By chance one mean (orange) in 20 leaves the band: of 32, up to 4"
     figure, places = panels(2, 2, 2.2, title)
     draw_patterns(places, found)
     for axes, means in zip(places, PATTERNS.values(), strict=True):
@@ -270,6 +270,7 @@ def draw_patterns(places: Sequence[Axes], found: Calibration) -> None:
         axes.set_xlabel(name)
         axes.tick_params(labelsize=8)  # four fit beside each other
     places[0].set_ylabel("off in z [mm]")
+    places[-1].locator_params(axis="x", integer=True)
 
 
 def offsets(found: Calibration) -> Iterator[tuple[ndarray, ...]]:
@@ -312,6 +313,7 @@ def plot_directions(found: Calibration) -> plt.Figure:
     The scale counts 10 mm and 5° alike, as a measurement by hand is known.
     """
     solution, known = found.solution, found.solution.observability
+    in_frame = f"the {found.frame}'s frame"
     title = f"The weakest direction of the sensor's pose is {known.status}"
     figure, (axes,) = panels(1, 1, 4.8, title)
     colours = np.select([known.sd >= 1, known.sd >= WEAK], [RED, ORANGE], GREEN)
@@ -320,9 +322,10 @@ def plot_directions(found: Calibration) -> plt.Figure:
     for y, (sd, direction) in enumerate(zip(known.sd, known.directions, strict=True)):
         size = size_direction(sd, direction) if sd < 1 else "unobservable"
         name = name_direction(direction, solution.rotation, found.frame)
+        name = name.replace(f" in {in_frame}", "")
         text = fill(f"{name}: {size}", 80)
         axes.text(1.1 * low, y - 0.2, text, fontsize=8, va="bottom")
     axes.set(xscale="log", xlim=(low, 10), ylim=(5.5, -0.8), yticks=[])
-    axes.set_xlabel("standard deviation")
+    axes.set_xlabel(f"standard deviation, near these poses; axes of {in_frame}")
     axes.xaxis.set_major_formatter(lambda sd, _: f"{10 * sd:g} mm\n{5 * sd:g}°")
     return figure
