@@ -186,11 +186,15 @@ def parts_called(
     that is liked. Raises Question for several.
     """
     names = [*dict.fromkeys(part.name for part in parts)]
-    own = [name for name in names if entry.lower() in name.lower()] or names
-    own = [name for name in own if not is_of_other(name)] or own
-    own = [name for name in own if liked in name.lower()] or own
-    own = [name for name in names if name.lower() == entry.lower()] or own
-    name = one_or_ask(parts[0].path, own, what, "entry")
+    wishes = (
+        lambda name: entry.lower() in name.lower(),
+        lambda name: name.lower() == entry.lower(),
+        lambda name: not is_of_other(name),
+        lambda name: liked in name.lower(),
+    )
+    for wish in wishes:
+        names = [*filter(wish, names)] or names
+    name = one_or_ask(parts[0].path, names, what, "entry")
     return [part for part in parts if part.name == name]
 
 

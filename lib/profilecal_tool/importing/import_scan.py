@@ -1,8 +1,7 @@
 """A scan from files that people have: read, told what is what, paired, checked."""
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from glob import glob
 from pathlib import Path
 from typing import Any
@@ -35,18 +34,7 @@ from profilecal_tool.importing.tool_frames import (
 NOTHING_SAID = Layout()
 
 
-@dataclass(frozen=True)
-class Source:
-    """Files that are called alike but for numbers."""
-
-    paths: list[Path]
-    first: list[Block]  # what the first of them holds
-
-    def each(self, layout: Layout) -> Iterator[tuple[Path, list[Block]]]:
-        """Each file and what it holds."""
-        yield self.paths[0], self.first
-        for path in watched(self.paths[1:], "reading"):
-            yield path, blocks_in(path, layout)
+Files = dict[Path, list[Block]]  # files, and the tables in each
 
 
 def import_scan(
@@ -85,44 +73,49 @@ def import_scan(
 def read_folder(
     folder: Path, layout: Layout, taken: dict[str, str]
 ) -> tuple[Part, list[str], list[ndarray], list[Block]]:
-    """The robot's poses; the names of the profiles, and their points; and what the
-    first files of each kind hold. Raises ScanError, Question.
+    """The robot's poses; the names of the profiles, and their points; and what all
+    files hold. Raises ScanError, Question.
     """
-    sources = sources_in(folder, layout)
-    of_poses, of_profiles = sources_of_poses_and_profiles(folder, sources, layout)
-    beside = [block for source in sources.values() for block in source.first]
+    families = families_in(folder, layout)
+    poses_called, profiles_called = which_hold_what(folder, families, layout)
+    of_poses, of_profiles = families[poses_called], families[profiles_called]
+    every = {
+        path: blocks for files in families.values() for path, blocks in files.items()
+    }
+    beside = [block for blocks in every.values() for block in blocks]
     columns = {"tool", "base", *(c.name for block in beside for c in block.others)}
     if layout.where and layout.where.lower().partition("=")[0] not in columns:
         sentence = f"no rows where {layout.where}; the columns are"
         raise ScanError(f"{folder}: {sentence} {listed(sorted(columns))}")
-    used = {*of_poses.paths, *of_profiles.paths, *(b.path for b in beside if b.robot)}
-    every = (path for source in sources.values() for path in source.paths)
-    left_out = listed(path.name for path in every if path not in used)
-    taken["left out"] = left_out or "none"
-    poses = robot_poses(of_poses.each(layout), layout)
-    in_one = of_poses is of_profiles and len(of_poses.paths) == 1
-    rows, one_each = len(poses.block.table), len(of_profiles.paths) > 1
-    several, profiles = 0 if in_one else rows, of_profiles.each(layout)
-    names, values = read_profiles(profiles, one_each, several, layout, taken)
+    used = {*of_poses, *of_profiles, *(block.path for block in beside if block.robot)}
+    taken["left out"] = listed(p.name for p in every if p not in used) or "none"
+    poses = robot_poses(of_poses, layout)
+    rows, in_one = (
+        len(poses.block.table),
+        of_poses is of_profiles and len(of_poses) == 1,
+    )
+    several = 0 if in_one else rows
+    names, values = read_profiles(of_profiles, several, layout, taken)
     counts = [*map(len, values)]
     if in_one and sum(counts) == rows:  # of one table: the pose of the first row
         poses = poses.at(np.cumsum([0, *counts[:-1]]))
     return poses, names, values, beside
 
 
-def sources_in(folder: Path, layout: Layout) -> dict[str, Source]:
-    """The files of a folder, by pattern. Raises ScanError."""
+def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
+    """The files of a folder by what they are called but for numbers, and by patterns
+    that a user says. Raises ScanError.
+    """
     said = [pattern for pattern in (layout.poses, layout.profiles) if pattern]
-    families = {pattern: files_matching(folder, pattern) for pattern in said}
-    known = {path for paths in families.values() for path in paths}
-    for path in files_matching(folder, "**/*") if len(said) < 2 else []:
-        if path not in known and is_known(path):
-            pattern = re.sub(r"\d+", "*", str(path.relative_to(folder)))
-            families.setdefault(pattern, []).append(path)
-    return {
-        pattern: Source(paths, blocks_in(paths[0], layout))
-        for pattern, paths in families.items()
-    }
+    paths = {path: name for name in said for path in files_matching(folder, name)}
+    if len(said) < 2:
+        for path in files_matching(folder, "**/*"):
+            if path not in paths and is_known(path):
+                paths[path] = re.sub(r"\d+", "*", str(path.relative_to(folder)))
+    families = {}
+    for path, name in watched([*paths.items()], "reading"):
+        families.setdefault(name, {})[path] = blocks_in(path, layout)
+    return families
 
 
 def files_matching(folder: Path, pattern: str) -> list[Path]:
@@ -150,30 +143,28 @@ def blocks_in(path: Path, layout: Layout) -> list[Block]:
     return blocks
 
 
-def sources_of_poses_and_profiles(
-    folder: Path, sources: dict[str, Source], layout: Layout
-) -> tuple[Source, Source]:
+def which_hold_what(
+    folder: Path, families: dict[str, Files], layout: Layout
+) -> tuple[str, str]:
     """Which files hold the poses, and which the profiles. Raises Question."""
-    counts = {name: len(one.paths) for name, one in sources.items() if one.first}
-    names = sorted(counts, key=counts.get)
-    with_poses = [
-        name
-        for name in names
-        if name != layout.profiles
-        and poses_in(sources[name].first, layout.pose_columns)
-    ]
-    with_poses = [layout.poses] if layout.poses else with_poses[::-1]
-    others = [name for name in names if name not in with_poses]
-    with_points = [n for n in others if point_tables(sources[n].first, layout)]
-    usual = [n for n in with_points if 2 * counts[n] > counts[with_points[-1]]]
-    unclear = [name for name in others if name not in usual]
-    poses = one_or_ask(folder, with_poses or unclear[:1], "holds the poses", "poses")
-    profiles = usual or [name for name in unclear if name != poses][-1:]
-    if not profiles and point_tables(sources[poses].first, layout):
-        profiles = [poses]
+    first = {
+        name: next(filter(None, files.values()), []) for name, files in families.items()
+    }
+    count = {name: len(families[name]) for name, blocks in first.items() if blocks}
+    names = sorted(count, key=count.get, reverse=True)
+    poses = [n for n in names if poses_in(first[n], layout.pose_columns)]
+    poses = [n for n in poses if n != layout.profiles]
+    others = [name for name in names if name not in poses]
+    profiles = [name for name in others if point_tables(first[name], layout)]
+    profiles = [n for n in profiles if 2 * count[n] > count[profiles[0]]]
+    unclear = [name for name in others if name not in profiles]
+    poses = [layout.poses] if layout.poses else poses or unclear[-1:]
+    pose = one_or_ask(folder, poses, "holds the poses", "poses")
+    profiles = profiles or [name for name in unclear if name != pose][:1]
+    if not profiles and point_tables(first[pose], layout):
+        profiles = [pose]
     profiles = [layout.profiles] if layout.profiles else profiles
-    profiles = one_or_ask(folder, profiles, "are the profiles", "profiles")
-    return sources[poses], sources[profiles]
+    return pose, one_or_ask(folder, profiles, "are the profiles", "profiles")
 
 
 def check_one_profile_a_pose(

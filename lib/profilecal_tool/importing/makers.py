@@ -1,6 +1,5 @@
 """What makers.toml says: robots' lines, titles of columns, units, codes."""
 
-import re
 import tomllib
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
@@ -9,8 +8,8 @@ from pathlib import Path
 from typing import Annotated
 
 from profilecal.scan.conventions import CONVENTIONS, Convention
-from profilecal.scan.tables import ScanError, naming
-from profilecal.scan.toml import TEXT, check_entries, is_line, one_of
+from profilecal.scan.tables import naming
+from profilecal.scan.toml import TEXT, check_entries, one_of
 
 PATH = Path(__file__).with_name("makers.toml")
 with naming(PATH):
@@ -31,15 +30,7 @@ for roles, words in TABLE["lists"].items():
         ROLES_OF_LIST[word, len(roles.split())].append(roles.split())
 
 
-def are_lines(value: object) -> bool:
-    """Whether a value is a list of lines."""
-    return isinstance(value, list) and all(map(is_line, value))
-
-
-Lines = Annotated[Sequence[str], (are_lines, "a list of lines")]
-
-
-Yes = Annotated[bool, (lambda value: value is True, "true")]
+Lines = Annotated[Sequence[str], (lambda value: isinstance(value, list), "a list")]
 
 
 @dataclass(frozen=True)
@@ -54,7 +45,7 @@ class Robot:
     tool: Lines = ()
     base: Lines = ()
     uses: Lines = ()
-    tools_are_poses: Yes = False
+    tools_in: Annotated[str, TEXT] = "tool"
     unit: Annotated[str, one_of(LENGTH_UNITS)] = "mm"
     angle: Annotated[str, one_of(ANGLE_UNITS)] = ""
 
@@ -70,18 +61,8 @@ def robots_in(rows: Iterable[dict]) -> dict[str, Robot]:
     """The rows of [[robot]] by their makers. Raises ScanError."""
     robots = {}
     for count, row in enumerate(rows, start=1):
-        table = f"robot {row.get('maker', count)}"
-        check_entries(PATH, row, Robot, table)
-        robot = robots[row["maker"]] = Robot(**row)
-        for line in (*robot.pose, *robot.tool, *robot.uses):
-            names = {*re.findall(r"\$([a-z]\w*)", line)}
-            allowed = names >= {*"xyz"} and convention_of(names)
-            expected = "$x $y $z and the columns of a convention"
-            if line in robot.uses:
-                allowed = names <= {"name", "tool", "base"}
-                expected = "$name, $tool or $base"
-            if not allowed:
-                raise ScanError(f"{PATH}: {line!r} in [{table}]; expected {expected}")
+        check_entries(PATH, row, Robot, f"robot {row.get('maker', count)}")
+        robots[row["maker"]] = Robot(**row)
     return robots
 
 

@@ -109,10 +109,8 @@ def write_imported(
         if again:
             keep_header(folder, partial)
     if again:
-        former = folder.with_name(f"{folder.name}.former")
-        folder.replace(former)
+        remove(folder)
         place.replace(folder)
-        remove(former)
 
 
 def keep_header(folder: Path, partial: Path) -> None:

@@ -1,6 +1,6 @@
 """The robot's poses: their numbers as they stand, their units, and whose they are."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -56,10 +56,10 @@ def poses_in(blocks: Iterable[Block], said: str) -> list[Part]:
     return found
 
 
-def robot_poses(files: Iterable[tuple[Path, list[Block]]], layout: Layout) -> Part:
+def robot_poses(files: Mapping[Path, list[Block]], layout: Layout) -> Part:
     """The robot's poses in files. Raises ScanError; Question where it is uncertain."""
     parts, paths = [], []
-    for path, blocks in files:
+    for path, blocks in files.items():
         found = poses_in(blocks, layout.pose_columns)
         if not found:
             raise question_on_file(path, blocks, layout.pose_columns)

@@ -1,7 +1,7 @@
 """Profiles in files: their points, in mm, and what tells them apart."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from profilecal_tool.importing.blocks import (
     label_of,
     parts_called,
 )
-from profilecal_tool.importing.makers import LENGTH_UNITS, UNIT_OF_CODE, WORDS
+from profilecal_tool.importing.makers import LENGTH_UNITS, UNIT_OF_CODE
 from profilecal_tool.importing.questions import (
     Layout,
     Question,
@@ -27,10 +27,14 @@ from profilecal_tool.importing.questions import (
     scale_of,
 )
 from profilecal_tool.importing.read_file import decoded_text, names_of
-from profilecal_tool.importing.text_tables import BEGIN, dialect
+from profilecal_tool.importing.text_tables import BEGIN
 
 LIKELY_MM = 150.0  # the farthest that a scanner sees, for a guess at a unit
 NARROW_MM = 10.0  # few scanners see so little: it may be cm or inches
+X_ABOVE = (
+    r"x[ _-]?(?:start|offset|origin)[^-+.\d\n]*([-+]?\d+(?:[.,]\d+)?)",
+    r"x[ _-]?(?:pitch|resolution|interval|step)[^-+.\d\n]*([-+]?\d+(?:[.,]\d+)?)",
+)
 
 
 def with_a_point_a_row(block: Block, layout: Layout) -> Block:
@@ -49,28 +53,26 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     elif block.is_bare or not np.isfinite(places).all():
         start, pitch = layout.x or x_above(block.path, layout.encoding)
         places = start + pitch * np.arange(len(z))
-    table = block.table.drop(columns=[column.at for column in (*x, *z)])
-    titles = [*(block.titles[at] for at in table), "profile", "x", "z"]
-    table = table.loc[table.index.repeat(len(z))].assign(
+    beside = block.table.drop(columns=[column.at for column in (*x, *z)])
+    titles = [*(block.titles[at] for at in beside), "profile", "x", "z"]
+    table = beside.loc[beside.index.repeat(len(z))].assign(
         profile=np.arange(len(heights)).repeat(len(z)) + 1,
         x=np.broadcast_to(places, heights.shape).ravel(),
         z=heights.ravel(),
     )
-    table.columns = range(len(titles))
-    return replace(block, table=table, titles=titles)
+    return replace(
+        block, table=table.set_axis(range(len(titles)), axis=1), titles=titles
+    )
 
 
 def x_above(path: Path, encoding: str) -> list[float]:
     """The start and the pitch of x in words where a file begins. Raises ScanError."""
     begin = decoded_text(path, encoding)[:BEGIN].lower()
-    _, decimal = dialect(begin)
-    begin = re.sub(r"[ _-]+(?=[a-z])", "_", begin.replace(decimal, "."))
-    words = ("|".join(WORDS[which]) for which in ("start", "pitch"))
-    found = [re.search(rf"(?:{one})[^-+.\d\n]*([-+.\d]+)", begin) for one in words]
+    found = [re.search(one, begin) for one in X_ABOVE]
     if not all(found):
         sentence = "z alone, and x nowhere: --x START PITCH says it; or give titles"
         raise ScanError(f"{path}: {sentence}: x1, z1, x2, z2, …")
-    return [float(match[1]) for match in found]
+    return [float(match[1].replace(",", ".")) for match in found]
 
 
 def points_in(block: Block, said: str) -> Part | None:
@@ -86,12 +88,9 @@ def points_in(block: Block, said: str) -> Part | None:
     if said:
         columns = {str(c.at + 1): c for c in block.columns}
         columns |= {c.name: c for c in block.columns}
-        named = [column_titled(0, name) for name in said.split(",")]
-        named = [one for one in named if one.name in columns]
-        pair = [
-            columns[one.name]._replace(unit=one.unit or columns[one.name].unit)
-            for one in named
-        ]
+        titles = [column_titled(0, title) for title in said.split(",")]
+        named = [(columns[t.name], t.unit) for t in titles if t.name in columns]
+        pair = [column._replace(unit=unit or column.unit) for column, unit in named]
         pairs = {said: pair} if len(pair) == 2 else {}
     if not pairs or (len(pairs) > 1 and len(block.table) < 2):
         return None
@@ -107,29 +106,25 @@ def point_tables(blocks: Iterable[Block], layout: Layout) -> list[Part]:
     are such; none where the largest table is none of points. Raises Question.
     """
     blocks = sorted(blocks, key=lambda block: -block.table.size)
-    every = [points_in(block, layout.columns) for block in blocks]
-    if not every or not every[0]:
+    if not blocks or not points_in(blocks[0], layout.columns):
         return []
-    found = [part for part in every if part and len(part.block.table) > 1]
-    if layout.entry or not found:
-        found = [part for part in every if part]
+    every = [points_in(block, layout.columns) for block in blocks]
+    found = [part for part in every if part]
+    if not layout.entry:
+        found = [part for part in found if len(part.block.table) > 1] or found
     found.sort(key=lambda part: part.block.table.index[0])
     return parts_called(found, layout.entry, "profile", "is the profile")
 
 
 def read_profiles(
-    source: Iterable[tuple[Path, list[Block]]],
-    one_each: bool,
-    poses: int,
-    layout: Layout,
-    taken: dict[str, str],
+    files: Mapping[Path, list[Block]], poses: int, layout: Layout, taken: dict[str, str]
 ) -> tuple[list[str], list[ndarray]]:
     """The profiles in files, one in each, or those of so many poses in one: names, and
     points (n, 2), mm. Raises ScanError.
     """
-    names, counts, xz, units, paths = [], [], [], set(), []
-    for path, blocks in source:
-        paths.append(path)
+    names, counts, xz, units = [], [], [], set()
+    one_each = len(files) > 1
+    for path, blocks in files.items():
         tables = point_tables(blocks, layout)
         if not tables and any(len(block.table) > 1 for block in blocks):
             raise question_on_points(blocks)
@@ -138,57 +133,58 @@ def read_profiles(
             raise ScanError(f"{path}: {sentence}: give titles, or no blank lines")
         before = len(counts)
         for points in tables:
-            several = poses if len(tables) == 1 else 0
-            labels = np.zeros(len(points.block.table))
+            profile, own = np.zeros(len(points.block.table), int), [""]
             if not one_each:
-                labels = profile_of_each_row(points.block, several, len(counts) + 1)
-            check_one_section(points, labels)
-            begins = [0, *(np.flatnonzero(labels[1:] != labels[:-1]) + 1)]
-            counts += [*np.diff([*begins, len(labels)])]
-            names += map(label_of, labels[begins])
+                several = poses if len(tables) == 1 else 0
+                profile, own = profile_of_each_row(points.block, several)
+            check_one_section(points, profile)
+            each = np.bincount(profile)
+            names += own or [str(len(counts) + k + 1) for k in range(len(each))]
+            counts += [*each]
             xz.append(points.numbers("xz", blank=True))
             units |= points.units("xz")
         if one_each:  # nothing was seen, or a table goes on
             counts[before:] = [sum(counts[before:])]
     if not xz:
         raise ScanError(f"{path}: no profiles in it")
-    taken["columns"] = ",".join(
-        points.block.title(c.at) for c in points.columns.values()
-    )
+    block, columns = points.block, points.columns.values()
+    taken["columns"] = ",".join(block.title(column.at) for column in columns)
     points_mm = in_mm(path, np.concatenate(xz), units, layout, taken)
     values = np.split(points_mm, np.cumsum(counts)[:-1])
-    return names_of(paths) if one_each else names, values
+    return names_of([*files]) if one_each else names, values
 
 
-def profile_of_each_row(block: Block, poses: int, first: int) -> ndarray:
-    """The profile of each row: by a label or a time whose values do not come back, and
-    that counts no points; by the pose beside it; else numbers from the first on, evenly
-    by so many poses.
+def profile_of_each_row(block: Block, poses: int) -> tuple[ndarray, list[str]]:
+    """The profile of each row, from 0, and what profiles are called, if they are: by a
+    label or a time whose values do not come back, and that counts no points; by the
+    pose beside it; else evenly by so many poses.
     """
     rows = len(block.table)
     for column in block.having("label", "time", "t"):
-        labels = block.table[column.at].to_numpy()
-        runs = 1 + np.count_nonzero(labels[1:] != labels[:-1])
-        counts_points = column.role == "label" and runs == rows != poses
-        if runs == pandas.unique(labels).size and not counts_points:
-            return labels
+        profile, labels = pandas.factorize(
+            block.table[column.at], use_na_sentinel=False
+        )
+        counts_points = column.role == "label" and len(labels) == rows != poses
+        if (np.diff(profile) >= 0).all() and not counts_points:
+            return profile, [*map(label_of, labels)]
     if block.poses:
         posed = [c.at for own in block.poses.values() for c in own.columns.values()]
-        return block.table.groupby(posed, sort=False, dropna=False).ngroup().to_numpy()
+        pose = block.table.groupby(posed, dropna=False).ngroup().to_numpy()
+        return np.cumsum(np.diff(pose, prepend=pose[0]) != 0), []
     each = rows // poses if poses and rows % poses == 0 else rows
-    return np.arange(rows) // each + first
+    return np.arange(rows) // each, []
 
 
-def check_one_section(points: Part, labels: ndarray) -> None:
+def check_one_section(points: Part, profile: ndarray) -> None:
     """Raise Question where rows of a profile are of several scanners or sections, or
     lie along y.
     """
     block, (x, z) = points.block, points.columns.values()
     for column in block.having("y", "sensor", "label"):
         cells, is_y = block.table[column.at], column.role == "y"
-        each = cells.groupby(labels).agg(["nunique", "size"])
-        again = (2 * each["nunique"] <= each["size"]).all()
-        counts_points = column.role == "label" and not again
+        each = cells.groupby(profile).agg(["nunique", "size"])
+        comes_back = (2 * each["nunique"] <= each["size"]).all()
+        counts_points = column.role == "label" and not comes_back
         is_other = column in (x, z) or (is_y and column.owner != x.owner)
         if counts_points or is_other or each["nunique"].max() < 2:
             continue
@@ -219,9 +215,10 @@ def in_mm(
     z = xz[:, 1]
     codes = [code for code in UNIT_OF_CODE if (z == code).any()]
     of_codes = {UNIT_OF_CODE[code] for code in codes} - {""}
-    codes += [] if layout.missing is None else [layout.missing]
-    rest = z[~np.isin(z, codes) & np.isfinite(z)]
-    if not codes and (rest == 0).any() and rest.any() and rest.min() * rest.max() == 0:
+    if layout.missing is not None:
+        codes.append(layout.missing)
+    seen = z[np.isfinite(z)]
+    if not codes and 0 in (seen.min(initial=1), seen.max(initial=-1)):
         codes = [0.0]
     unseen = np.isnan(xz).any(axis=1) | np.isin(z, codes)
     xz[unseen] = np.nan
@@ -240,8 +237,9 @@ def in_mm(
     if is_narrow or not 1 <= largest <= FARTHEST_MM:
         sentence = f"{width:.4g} mm wide, up to {largest:.4g} mm away"
         hint = "the unit, or a code for nothing seen (--missing)?"
-        farthest = np.nanmax(np.abs(xz)) / scale / LIKELY_MM + 1e-9
-        off = {unit: abs(np.log(farthest * mm)) for unit, mm in LENGTH_UNITS.items()}
-        likely = min(off, key=off.get)
-        raise Question(f"{path}: {sentence}; is it {hint}", unit=likely)
+        farthest = np.nanmax(np.abs(xz)) / scale
+        off = {
+            u: abs(np.log(farthest * mm / LIKELY_MM)) for u, mm in LENGTH_UNITS.items()
+        }
+        raise Question(f"{path}: {sentence}; is it {hint}", unit=min(off, key=off.get))
     return xz

@@ -4,11 +4,10 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy import ndarray
 
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import named, to_rotations
-from profilecal.scan.tables import ScanError, listed
+from profilecal.scan.tables import listed
 from profilecal_tool.importing.blocks import Block, Part, label_of
 from profilecal_tool.importing.makers import ROBOTS, WORDS
 from profilecal_tool.importing.questions import Layout, Question
@@ -61,56 +60,54 @@ def of_one_frame(
 
 def of_one_tool(
     poses: Part, beside: Sequence[Block], layout: Layout, taken: dict[str, str]
-) -> tuple[Part, ndarray | None]:
+) -> tuple[Part, Sequence[float] | None]:
     """The poses of one tool, and its position and angles as they stand; None if it is
-    the flange. Raises ScanError, Question.
+    the flange. Raises Question.
     """
     poses, base = of_one_frame(poses, beside, "base", layout)
     poses, used = of_one_frame(poses, beside, "tool", layout)
-    in_base = f"; in base {base}, not taken off"
-    in_base *= bool({base} - WORDS["no_frame"] - {""})
-    if layout.tool:
-        taken["tool"] = f"the one given, taken off{in_base}"
-        return poses, np.array(layout.tool)
     columns = ["name", *"xyz", *poses.convention.columns]
-    rows = said_in_program(poses, beside, "tool", columns)
+    maker = ROBOTS.get(poses.block.robot)
+    kind = maker.tools_in if maker and used else "tool"
+    rows = said_in_program(poses, beside, kind, columns)
     if offset := poses.block.poses.get("tcp_offset"):
         rows = [["", *row] for row in offset.numbers(columns[1:]).tolist()]
-    if used and poses.block.robot and ROBOTS[poses.block.robot].tools_are_poses:
-        rows = said_in_program(poses, beside, "pose", columns)
     frames = {(name.lower(), *map(float, at)) for name, *at in rows}
     own = [at for name, *at in frames if name == used]
-    taken["tool"] = f"none; taken for the flange's poses{in_base}"
-    if used in WORDS["no_frame"]:
-        return poses, None
-    if used and not own:
-        sentence = f"poses are of tool {used}, whose frame is not here"
+    declared = sorted(name for name, *at in frames if any(at[:3]))
+    tool, words = None, "none; taken for the flange's poses"
+    if layout.tool:
+        tool, words = layout.tool, "the one given, taken off"
+    elif used in WORDS["no_frame"]:
+        tool = None
+    elif len(own) == 1:
+        tool, words = own[0], f"{used or 'one'} at {own[0][:3]}, taken off"
+    elif used or own:
+        has = f"{len(own)} frames are" if own else "frame is not"
+        sentence = f"poses are of tool {used}, whose {has} here"
         raise Question(f"{poses.path}: {sentence}; mm, and angles?", tool=TO_FILL_IN)
-    if len(own) > 1:
-        sentence = f"the tool has {len(own)} frames; expected one"
-        raise ScanError(f"{poses.path}: {sentence}: --tool X Y Z A B C says which")
-    if own:
-        taken["tool"] = f"{used or 'one'} at {own[0][:3]}, taken off{in_base}"
-        return poses, np.array(own[0])
-    if declared := sorted(name for name, *at in frames if any(at[:3])):
+    elif declared:
         sentence = f"tool {listed(declared)} is declared, and no line uses it"
         hint = "are poses of it? (--tool 0 0 0 0 0 0: of the flange)"
         name = declared[0] if len(declared) == 1 else "NAME"
         raise Question(f"{poses.path}: {sentence}; {hint}", where=f"tool={name}")
-    return poses, None
+    if base not in {"", *WORDS["no_frame"]}:
+        words += f"; in base {base}, not taken off"
+    taken["tool"] = words
+    return poses, tool
 
 
 def entries_of_flange(
-    entries: dict[str, Any], poses: Part, tool: ndarray, layout: Layout
+    entries: dict[str, Any], poses: Part, tool: Sequence[float], layout: Layout
 ) -> dict[str, Any]:
     """Entries of a Scan with the flange's poses in place of the tool's (3 + k,)."""
-    turn, length, angle = poses.convention, 1.0, angle_of(poses, layout)[0]
+    turn, (angle, _) = poses.convention, angle_of(poses, layout)
+    length = 1.0 if layout.tool else length_of(poses)[0]
     if layout.tool and len(turn.columns) != 3:
         turn, angle = named("FANUC angles"), 1.0
-    if not layout.tool:
-        length, _ = length_of(poses)
-    R = to_rotations(turn, tool[None, 3:] * angle)
+    position, angles = np.split(np.array([tool]), [3], axis=1)
+    R = to_rotations(turn, angles * angle)
     T = homogeneous(entries["R_base_flange"], entries["p_base_flange"])
-    T = T @ np.linalg.inv(homogeneous(R, tool[None, :3] * length))
+    T = T @ np.linalg.inv(homogeneous(R, position * length))
     flange = {"R_base_flange": T[:, :3, :3], "p_base_flange": T[:, :3, 3]}
     return entries | flange | {"orientation": None}

@@ -342,7 +342,7 @@ PAIRED = {
     "seconds": (*by_clock(1.7e9, 1, "scan_%Y-%m-%d_%H-%M-%S.%f"), "up to 0.1 s apart"),
     "points": (in_one_table, nothing, "in order"),
     "JSON": (in_json, nothing, "by the names"),
-    "samples": (in_one_json, nothing, "by the names"),
+    "samples": (in_one_json, nothing, "number 1"),
 }
 
 
@@ -620,9 +620,12 @@ def test_each_line_of_the_table_has_an_example_that_is_read():
             if begin := re.search(r"(\w*)\$name", line):
                 whole = rf"(?<!\w){begin[1]}{re.escape(table['name'].iloc[0])}(?!\w)"
                 assert re.search(whole, example), line
+        of_uses = re.findall(r"\$([a-z]\w*)", " ".join(robot.uses))
+        assert {*of_uses} <= {"name", "tool", "base"}
         text = "\n".join([robot.has, *robot.examples])
         blocks = [b for b in program_blocks(Path(), text) if b.kind == "pose"]
         (own,) = (block for block in blocks if block.robot == maker)
+        assert own.poses, "no $x $y $z, or no columns of a convention"
         assert len(own.table) == len(robot.examples)
 
 
@@ -643,8 +646,6 @@ MISTYPED = {
     "key": ({"exmples": ["TO P7"]}, r"unknown entry 'exmples' in \[robot Acme\]"),
     "kind": ({"pose": "TO $x"}, r"pose is .* in \[robot Acme\]; expected a list"),
     "unit": ({"unit": "feet"}, "unit is 'feet'"),
-    "convention": ({"pose": ["TO $x,$y,$z,$u,$v,$w"]}, "columns of a convention"),
-    "uses": ({"uses": ["TOOLSEL $tol"]}, "expected .name, .tool or .base"),
     "missing": ({"maker": None}, r"maker is missing in \[robot 1\]"),
 }
 
