@@ -10,14 +10,12 @@ import numpy as np
 import profilecal as pc
 from profilecal.calibration.answer import DEGREES
 from profilecal.geometry.fitting import fit_circle
-from profilecal.geometry.noise import normalised_square
+from profilecal.geometry.noise import Systematic, normalised_square
 from profilecal.geometry.poses import difference, homogeneous, rotations
 from profilecal.simulation.spec import pose_name
 
 SCANNER = {"noise_mm": 0.06}  # of raw profiles; 0.05 is stated
-EXACT_SCANNER = dict.fromkeys(
-    ("scale_percent", "shear_percent", "bend_mm", "tolerance_mm"), 0.0
-)  # and target
+EXACT_SCANNER = vars(Systematic())  # and target
 
 
 def once(function):

@@ -267,7 +267,10 @@ def read_measurements(
         raise ScanError(f"{folder}: expected one of {names}; found {found}")
     (path,) = paths
     columns = MEASURED[path.stem]
-    keys = ["pose"] * bool(at_rest["labels"] or not moving) + ["sweep", "t"] * moving
+    keys = ["sweep", "t"] if moving else []
+    if at_rest["labels"] or not moving:
+        keys.append("pose")
+    # of each label: its number, and its sweep and time
     number = {label: k for k, label in enumerate(at_rest["labels"])}
     moment = dict.fromkeys(number, ("", np.nan))
     parts = []

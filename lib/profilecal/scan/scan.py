@@ -306,18 +306,18 @@ class Scan:
         times = np.full(P, np.nan)
         if self.log:
             times = check_array("times", self.times, (P,), finite=False)
-        poses = self.labels, self.R_base_flange, self.p_base_flange, self.group
-        at_rest = np.count_nonzero(np.isnan(times))
-        if len(poses[2]) not in (at_rest, P):
+        given, at_rest = len(self.p_base_flange), np.count_nonzero(np.isnan(times))
+        if given not in (at_rest, P):
             raise ScanError(
-                f"T_base_flange has {len(poses[2])} poses for {at_rest} {self.measured}"
+                f"T_base_flange has {given} poses for {at_rest} {self.measured}"
                 f"{' at rest' * bool(self.log)}; expected one for each"
             )
-        as_read = {"orientation": self.orientation, "group_given": self.group_given}
+        labels, group = self.labels, self.group
+        R, p = self.R_base_flange, self.p_base_flange
+        orientation, group_given = self.orientation, self.group_given
         if self.log:
-            poses = self._with_motion(self.log, times)
-            as_read = {"orientation": None, "group_given": False}
-        labels, R, p, group = poses
+            labels, R, p, group = self._with_motion(self.log, times)
+            orientation, group_given = None, False
         R = check_rotations("T_base_flange", R, P)
         p = check_positions("T_base_flange", p, P)
         if len(labels) != P:
@@ -329,17 +329,19 @@ class Scan:
         group = groups_of(group, R)
         if group.shape != (P,):
             raise ValueError(f"group has shape {group.shape}; expected ({P},)")
-        if as_read["group_given"]:
+        if group_given:
             check_alike("R_base_flange", R, group)
         side = np.asarray(self.side)
         if side.shape not in ((), (P,)) or not np.isin(side, (-1, 0, 1)).all():
             raise ValueError(f"side is {self.side}; expected 1, -1 or 0, for each pose")
-        return as_read | {
+        return {
             "labels": tuple(labels),
             "R_base_flange": read_only(R),
             "p_base_flange": read_only(p),
             "values": tuple(map(read_only, self.values)),
+            "orientation": orientation,
             "group": group,
+            "group_given": group_given,
             "times": read_only(times),
             "sweeps": self.sweeps or ("",) * P,
             "side": np.broadcast_to(side, P).astype(float),
@@ -491,7 +493,7 @@ def printed_as(convention: str, orientations: ArrayLike, T: ndarray) -> ndarray:
     angles = named(convention)
     shape = (len(T), len(angles.columns))
     printed = check_array("orientations", orientations, shape)
+    # they may be rounded
     if not np.allclose(to_rotations(angles, printed), T[:, :3, :3], atol=0.01):
-        # they may be rounded
         raise ValueError(f"orientations, as {convention}, are not T_base_flange's")
     return printed

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from profilecal.geometry.progress import watched
 
 LARGEST_MB = 400  # of a text file: more a usual computer does not hold
+PART = 1000  # rows at a time: the text of all would fill the memory, and hear no Ctrl-C
 Rows = list[tuple[int, list[str]]]  # each line's number and fields
 # cells of points that were not seen
 NOTHING = {"", ".", "na", "n/a", "#n/a", "null", "none"}
@@ -236,14 +237,14 @@ def read_table(path: Path, required: Collection[str]) -> Table:
 
 
 def read_parts(path: Path, required: Collection[str]) -> Iterator[Table]:
-    """A table of any length, a thousand rows at a time, so that text never fills the
-    memory: a CSV file, or the same columns as arrays in an .npz file.
+    """A table of any length, some rows at a time: a CSV file, or the same columns as
+    arrays in an .npz file.
 
     Raises ScanError, as `read_table` does.
     """
     if path.suffix == ".npz":
-        return parts_of_arrays(path, required, 1000)
-    return parts_of_text(path, required, 1000)
+        return parts_of_arrays(path, required)
+    return parts_of_text(path, required, PART)
 
 
 def parts_of_text(
@@ -272,10 +273,8 @@ def parts_of_text(
         raise ScanError(f"{place}: cannot be read: {error}") from error
 
 
-def parts_of_arrays(
-    path: Path, required: Collection[str], most: int
-) -> Iterator[Table]:
-    """The required columns of an .npz file as tables of at most so many rows."""
+def parts_of_arrays(path: Path, required: Collection[str]) -> Iterator[Table]:
+    """The required columns of an .npz file, some rows at a time."""
     is_file(path)
     try:
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
@@ -290,8 +289,8 @@ def parts_of_arrays(
         if column.shape != (rows,) or column.dtype.kind not in "Ufiu":
             found = f"{name} is {column.dtype} of shape {column.shape}"
             raise ScanError(f"{path}: {found}; expected numbers or text, ({rows},)")
-    for first in watched(range(0, rows, most), f"reading {path.name}"):
-        chosen = slice(first, first + most)
+    for first in watched(range(0, rows, PART), f"reading {path.name}"):
+        chosen = slice(first, first + PART)
         part = {name: column[chosen] for name, column in columns.items()}
         yield Table(path, part, range(1, rows + 1)[chosen], "row")
 
@@ -335,9 +334,8 @@ def write_table(path: Path, columns: Mapping[str, Sequence]) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        # the text of all would fill the memory, and hear no Ctrl-C
-        for first in range(0, rows, 1000):
-            part = slice(first, first + 1000)
+        for first in range(0, rows, PART):
+            part = slice(first, first + PART)
             cells = [cells_of(arrays[name][part], name == "t") for name in arrays]
             writer.writerows(zip(*cells, strict=True))
 

@@ -237,6 +237,7 @@ def record(scene: Scene, poses: Frames, spec: Spec, rng: Generator) -> Scan:
     """The scan of a scene by a robot that takes its flange to `poses` (P, 3, 3), (P,
     3), mm. Raises ScanError where it shows nothing.
     """
+    # what is measured again at a stop has the error of the same visit
     visit = np.repeat(np.arange(len(scene.labels)), spec.repeats)
     (R_actual, T_actual), noise = poses, spec.noise
     if noise.repeatability_mm:
@@ -247,9 +248,9 @@ def record(scene: Scene, poses: Frames, spec: Spec, rng: Generator) -> Scan:
     R, T = scene.observations.R_flange[0], scene.observations.T_flange[0]
     if spec.to_hand:
         R, T = inverse(R, T)
-    number = [f"m{k + 1}" for k in range(spec.repeats)] if spec.repeats > 1 else [""]
+    again = [f"m{k + 1}" for k in range(spec.repeats)] if spec.repeats > 1 else [""]
     said = {
-        "labels": tuple(name + again for name in scene.labels for again in number),
+        "labels": tuple(name + suffix for name in scene.labels for suffix in again),
         "R_base_flange": R[visit],
         "p_base_flange": T[visit],
         "group": scene.observations.labels[visit],

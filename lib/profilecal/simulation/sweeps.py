@@ -56,7 +56,8 @@ class Sweep:
 
     def behind(self, t: ndarray, lag_s: float) -> Frames:
         """The same of a controller that follows its log with a lag of the first order:
-        at each time an average over earlier ones, exponentially weighted.
+        at each time an average over earlier positions, exponentially weighted, and the
+        orientation at their mean time.
         """
         earlier, weights = np.polynomial.laguerre.laggauss(5)
         late = [self.at(t - lag_s * one) for one in earlier]
@@ -189,7 +190,7 @@ def drive(
     t, R_log, p_log = (np.concatenate(parts) for parts in zip(*logs, strict=True))
     clock = np.concatenate(times)
     clock = clock - 1e-6 * motion.drift_ppm * (clock - t.mean())
-    poses = {
+    said = {
         "labels": [f"p{k + 1}" for k in range(motion.stops)],
         "R_base_flange": np.reshape([R for R, _ in stops], (-1, 3, 3)),
         "p_base_flange": np.reshape([p for _, p in stops], (-1, 3)),
@@ -199,7 +200,7 @@ def drive(
         "sweeps": tuple(names),
     }
     R, p = (np.concatenate(parts) for parts in zip(*actual, strict=True))
-    return poses, (R, p)
+    return said, (R, p)
 
 
 def erring(R: ndarray, p: ndarray, noise: Noise, rng: Generator) -> Frames:

@@ -92,9 +92,8 @@ def neighbours(
     each: int,
     rng: Generator,
 ) -> Frames:
-    """Draw possible flange poses near some (P, 3, 3), (P, 3), `each` for each of them.
-
-    They are about 10 mm and 6° away, or a fifth of that.
+    """Draw flange poses near some (P, 3, 3), (P, 3), `each` for each of them, about
+    10 mm and 6° away or a fifth of that; those that are possible.
     """
     R_view, T_view = model.planes(R.repeat(each, axis=0), T.repeat(each, axis=0))
     far = rng.choice([0.2, 1.0], (len(T_view), 1))

@@ -126,6 +126,7 @@ class Task:
         (folder / "scan.toml").write_text(toml_text(header), encoding="utf-8")
         if self.entries:
             robot = prior_from(self.stated).scales.of_robot
+            # in place of limits, which a simulation does not need, the planned poses
             changes = {"plan": {}, "poses": table, "noise": {**self.stated, **robot}}
             text = toml_text({**self.entries, **changes})
             (folder / "simulate.toml").write_text(text, encoding="utf-8")
@@ -151,13 +152,14 @@ def read_task(
     entries = read_toml(place) if place else {}
     spec = read_specification(entries, place) if place else PlannedSpec()
     rng = np.random.default_rng(spec.seed)
-    source, stated, motion = spec, entries.get("noise", {}), spec.motion
+    source: PlannedSpec | Scan
     if is_scan:
         source, motion = read_scan(path), None
         stated, found = source.noise, calibrate([source])
         model, before = model_of_scan(found)
         doubted = found.misread
     else:
+        source, stated, motion = spec, entries.get("noise", {}), spec.motion
         model = model_of_spec(spec, stated, rng)
         before, doubted = NOWHERE, False
     limits = spec.plan if place else model.limits
