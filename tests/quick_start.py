@@ -51,10 +51,11 @@ class Kernel:
 
     stdin = stdout = stderr = None
 
-    def __init__(self, command, cwd, env, **_):
+    def __init__(self, command, env, cwd=None, **_):
+        place = cwd or os.getcwd()
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload([*IMPORTED])
-        self.process = context.Process(target=serve, args=(command[3:], cwd, env))
+        self.process = context.Process(target=serve, args=(command[3:], place, env))
         self.process.start()
         self.pid = self.process.pid
         while os.getpgid(self.pid) != self.pid:  # whose group will be killed

@@ -21,7 +21,9 @@ profile_mm = 0.05
 [motion]
 delay_ms = -80.0
 sweeps = 16
-profiles = 30
+profiles = 12
+[plan]
+candidates = 200
 """
 PLACES = {
     "eye-in-hand": ("60, -40, 110, 170, 10, 30", "900, 50, 300"),
@@ -56,14 +58,15 @@ def test_sweeps_are_as_many_as_it_takes_and_limits_cost_some(tmp_path):
     text = SPEC.format(kind="edge", mount="eye-in-hand", sensor=sensor, target=target)
     spec = tmp_path / "spec.toml"
     spec.write_text(text)
-    plans = [read_task(spec, until=wish).plan() for wish in ((0.3, 0.2), (0.08, 0.06))]
+    plans = [read_task(spec, until=wish).plan() for wish in ((0.6, 0.4), (0.2, 0.15))]
     assert not any(plan.falls_short for plan in plans)
     assert len(plans[0].T) < len(plans[1].T)
-    spec.write_text(text + "[plan]\nlow = [880, -60, 380]\n")
+    spec.write_text(text + "low = [880, -60, 380]\n")
     plan = read_task(spec, poses=6).plan()
     lines = 6 - sum(int(why.split()[0]) for why in plan.left_out)
     assert 4 * lines == len(plan.T) < 24
-    spec.write_text(text + "[plan]\nlow = [880, -60, 419]\nhigh = [2000, 60, 420]\n")
+    few = text.replace("candidates = 200\n", "")
+    spec.write_text(few + "low = [880, -60, 419]\nhigh = [2000, 60, 420]\n")
     said = run("plan", spec, "--poses", "3").output
     assert "no straight sweep fits within the limits" in said
     assert "are outside the box" in said
