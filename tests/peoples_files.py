@@ -94,21 +94,23 @@ def kuka(folder):
     write_lines(folder / "scan.dat", [*lines, "ENDDAT"])
 
 
-def abb(folder):
+def abb(folder, used=True, backwards=False):
+    """Targets of a tool in a base; or, where no move uses them, of the tool alone."""
     x, q = np.split(numbers_of(TOOL, "quaternion"), [3])
     at = f"[[{text(x)}],[{text(q)}]]"
     tool = f"[TRUE,{at},[1,[0,0,1],[1,0,0,0],0,0,0]]"
     x, q = np.split(numbers_of(BASE, "quaternion"), [3])
     base = f'[FALSE,TRUE,"",[[{text(x)}],[{text(q)}]],[[0,0,0],[1,0,0,0]]]'
     targets, moves = [], []
-    for k, row in enumerate(poses_of_tool("quaternion"), 1):
+    of_tool = poses("quaternion", matrices=matrices_of_poses() @ TOOL)
+    for k, row in enumerate(poses_of_tool("quaternion") if used else of_tool, 1):
         pose = f"[{text(row[:3])}],[{text(row[3:])}]"
         axes = "[-1,0,-1,0],[9E9,9E9,9E9,9E9,9E9,9E9]"
         targets.append(f"  CONST robtarget p{10 * k}:=[{pose},{axes}];")
         moves.append(f"  MoveL p{10 * k},v100,fine,tScan\\WObj:=wBall; ! p{10 * k}")
     lines = ["MODULE Scan", f"  PERS tooldata tScan:={tool};"]
-    lines += [f"  TASK PERS wobjdata wBall:={base};", *targets]
-    lines += [f"  !{targets[0]}", *moves, "ENDMODULE", ""]
+    lines += [f"  TASK PERS wobjdata wBall:={base};", *targets[:: 1 - 2 * backwards]]
+    lines += [f"  !{targets[0]}", *moves * used, "ENDMODULE", ""]
     write_lines(folder / "scan.mod", lines)
 
 
@@ -215,13 +217,6 @@ def opencv(folder):
                 f"   data: [ {text(part.ravel())} ]",
             ]
     write_lines(folder / "poses.yml", lines)
-
-
-def stacked_matrices(folder):
-    lines = []
-    for k, matrix in enumerate(matrices_of_poses()):
-        lines += [f"Pose {k}:", *(text(row, " ") for row in matrix), ""]
-    write_lines(folder / "poses.txt", lines)
 
 
 def by_columns(folder):
@@ -403,20 +398,18 @@ def stacked(folder):
     np.save(folder / "all.npy", np.stack(scan().values).swapaxes(1, 2))
 
 
-def point_clouds(folder, ending="ply"):
-    ply = ["ply", "format ascii 1.0", f"element vertex {len(scan().values[0])}"]
-    ply += [f"property float {axis}" for axis in "xyz"] + ["end_header"]
-    pcd = ["# .PCD v0.7", "VERSION 0.7", "FIELDS x y z", "SIZE 4 4 4", "DATA ascii"]
-    head = {"ply": ply, "pcd": pcd}[ending]
+def point_clouds(folder):
+    head = ["ply", "format ascii 1.0", f"element vertex {len(scan().values[0])}"]
+    head += [f"property float {axis}" for axis in "xyz"] + ["end_header"]
     for k, points in enumerate(scan().values):
         rows = [f"{x:.15g} 0 {z:.15g}" for x, z in points]
-        write_lines(folder / f"cloud{k}.{ending}", [*head, *rows])
+        write_lines(folder / f"cloud{k}.ply", [*head, *rows])
 
 
 POSES = (
     *(kuka, abb, ur, fanuc, yaskawa, kawasaki, staubli),
     *(xml_log, nested, stamped, opencv, of_images, csv, tum, matrices, array),
-    *(of_flange_and_tool, stacked_matrices, by_columns, named_arrays, matlab, workbook),
+    *(of_flange_and_tool, by_columns, named_arrays, matlab, workbook),
 )
 IN_A_BASE = (abb, staubli)
 PROFILES = (

@@ -105,14 +105,13 @@ def point_tables(blocks: Iterable[Block], layout: Layout) -> list[Part]:
     """The tables of points in a file that are called alike, of more than a row if there
     are such; none where the largest table is none of points. Raises Question.
     """
-    blocks = sorted(blocks, key=lambda block: -block.table.size)
-    if not blocks or not points_in(blocks[0], layout.columns):
+    blocks = [block for block in blocks if len(block.table)]
+    largest = max(blocks, key=lambda block: block.table.size, default=None)
+    if not largest or not points_in(largest, layout.columns):
         return []
-    every = [points_in(block, layout.columns) for block in blocks]
-    found = [part for part in every if part]
+    found = [points for b in blocks if (points := points_in(b, layout.columns))]
     if not layout.entry:
         found = [part for part in found if len(part.block.table) > 1] or found
-    found.sort(key=lambda part: part.block.table.index[0])
     return parts_called(found, layout.entry, "profile", "is the profile")
 
 
