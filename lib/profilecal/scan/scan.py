@@ -323,9 +323,9 @@ class Scan:
         if len(labels) != P:
             raise ValueError(f"labels has {len(labels)} entries for {P} poses")
         for label, count in Counter(labels).items():
-            if count > 1:
+            if count > 1 or not label:
                 found = f"labels has {label!r} {count} times"
-                raise ValueError(f"{found}; expected it once")
+                raise ValueError(f"{found}; expected names, each once")
         group = groups_of(group, R)
         if group.shape != (P,):
             raise ValueError(f"group has shape {group.shape}; expected ({P},)")

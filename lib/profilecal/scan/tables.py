@@ -252,6 +252,7 @@ def parts_of_text(
 ) -> Iterator[Table]:
     """A CSV file as tables of at most so many rows; None: as one."""
     content = text_of(path).encode()
+    # StringIO would take four bytes for each character
     text = TextIOWrapper(BytesIO(content), "utf-8", newline="")
     reader = csv.reader(text, strict=True)
     # spreadsheets leave rows and columns without content

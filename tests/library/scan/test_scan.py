@@ -24,6 +24,9 @@ def wrong_entries(scan):
             "group": np.zeros(12),
             "group_given": True,
         },
+        "labels has '' 1 times; expected names, each once": {
+            "labels": ("", *scan.labels[1:])
+        },
         "pose 'g1p1' has 5 rows of points; expected one": {
             "values": (np.ones((5, 2)),) * 12
         },
