@@ -16,8 +16,8 @@ from profilecal_tool.report import page
 from profilecal_tool.report.calibration import VERDICTS
 
 EDGE = Spec(
-    groups=8,
-    positions=4,
+    groups=7,
+    positions=3,
     seed=3,
     title="A <bar> & more",
     convention="KUKA angles",
