@@ -23,7 +23,7 @@ def expression_of(line: str) -> re.Pattern:
     line = re.sub(r"\s*([^\w\s$…⋮])\s*", r"\1", line)
     parts = [r"(?<!\w)" if line[0].isalnum() else ""]
     for token in re.findall(r"\$\w+|\w+|\s+|.", line):
-        if token[0] == "$" and len(token) > 1:
+        if token[0] == "$":
             name = token[1:]
             cell = WORD if name in ("name", "tool", "base") else CELL
             parts.append(f"(?P<{name}>{cell})")

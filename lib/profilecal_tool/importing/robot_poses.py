@@ -92,7 +92,7 @@ def question_on_file(path: Path, blocks: Sequence[Block], said: str) -> ScanErro
     largest = max(blocks, key=lambda block: len(block.table), default=None)
     if largest is None or any(block.having("joint") for block in blocks):
         return ScanError(f"{path}: no poses; joint angles are none: export Cartesian")
-    if said and said.count(",") + 1 != len(largest.titles):
+    if said:
         titles = listed(largest.titles)
         return ScanError(f"{path}: columns {titles}; --pose-columns says {said}")
     return question_on_columns(largest, "what are they?", largest.columns)
