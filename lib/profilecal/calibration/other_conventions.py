@@ -21,7 +21,7 @@ from profilecal.calibration.observe import Seen, as_observations
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.observability import brief
 from profilecal.geometry.poses import inverse
-from profilecal.joint.descent import refine, search, search_among_outliers, thin
+from profilecal.joint.descent import robustly, search, search_among_outliers, thin
 from profilecal.joint.prior import FINEST_MM
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import LARGEST_ERROR_MM
@@ -84,11 +84,8 @@ def misfit(observations: Observations, widely: bool = False) -> tuple[float, int
     state = search(problem)
     if widely:
         state = search_among_outliers(Problem([observations], problem.noise), state)
-    size = problem.typical(problem.moments(state))
-    for _ in range(4):  # each weighs bad poses down further
-        fit = refine(problem, state, scale=np.maximum(size, FINEST_MM), iterations=8)
-        state, size = fit.state, problem.typical(fit)
-    best = np.min(size, where=np.isfinite(size), initial=np.inf)
+    best = problem.typical(robustly(problem, state, 4))[0]
+    best = np.fmin(best, np.inf)  # for NaN
     return float(best * np.sqrt(1 + problem.n / freedom)), freedom
 
 

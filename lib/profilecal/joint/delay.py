@@ -26,7 +26,7 @@ from profilecal.geometry.observability import (
     of_covariance,
     size_direction,
 )
-from profilecal.joint.descent import refine, search, thin
+from profilecal.joint.descent import ROUGHLY, refine, search, thin
 from profilecal.joint.prior import FINEST_MM
 from profilecal.joint.problem import Problem
 from profilecal.targets.observations import State
@@ -53,7 +53,7 @@ def roughly(problem: Problem, starts: Sequence = ()) -> float:
     for delay in TRIED:
         later = few.later(delay)
         state = search(later, starts)
-        fit = refine(later, state, iterations=20, tolerance=1e-6).best_first
+        fit = refine(later, state, iterations=20, tolerance=ROUGHLY).best_first
         fits.append(fit.state[[0]])
         typical.append(later.typical(fit)[0])
     scale = max(np.min(typical), FINEST_MM / problem.noise.profile_mm)
@@ -61,7 +61,7 @@ def roughly(problem: Problem, starts: Sequence = ()) -> float:
     def loss(delay: float, state: State) -> float:
         later = few.later(delay)
         unit = np.full(1, scale)
-        fit = refine(later, state, scale=unit, iterations=20, tolerance=1e-6)
+        fit = refine(later, state, scale=unit, iterations=20, tolerance=ROUGHLY)
         return fit.loss[0] / scale**2 + (delay / DELAY_S) ** 2
 
     best = int(np.argmin(list(map(loss, TRIED, fits))))

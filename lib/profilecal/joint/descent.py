@@ -14,6 +14,7 @@ from profilecal.joint.problem import Fit, Problem
 from profilecal.targets.observations import Observations, State
 
 POSES = 40  # that the search looks at
+ROUGHLY = 1e-6  # tolerance of refinements
 # 60 rotations: any rotation is within 45° of one of them
 GRID = Rotation.create_group("I").as_matrix()
 COARSE = Rotation.create_group("T").as_matrix()  # 12
@@ -29,7 +30,6 @@ def refine(
     state: State,
     *,
     scale: ndarray | None = None,
-    weights: Sequence[ndarray] | None = None,
     iterations: int = 60,
     tolerance: float = 1e-10,
     damping: float = 1e-4,
@@ -38,8 +38,8 @@ def refine(
     """The state of least loss nearest to each of B states, by the scanner's noise
     alone, as Levenberg's and Marquardt's descent finds it for all of them at once.
 
-    `scale`, `weights`: as `Problem.moments` takes them. `move(state, step)`: how a step
-    is taken, if not as `Problem.move` does.
+    `scale`: as `Problem.moments` takes it. `move(state, step)`: how a step is taken, if
+    not as `Problem.move` does.
 
     Each problem has its own damping μ. It follows how much of what a step promised came
     true, the gain γ (Nielsen 1999): after a step that lowers the loss, μ is multiplied
@@ -55,7 +55,7 @@ def refine(
     growth = np.full(B, 2.0)
     done = np.zeros(B, dtype=bool)
     with np.errstate(all="ignore"):
-        here = problem.moments(state, scale, weights)
+        here = problem.moments(state, scale)
         for _ in range(iterations):
             step, promise = damped_step(here.normal, factor)
             small = reach(step) < tolerance
@@ -66,7 +66,7 @@ def refine(
             done |= small | rounding
             if done.all():
                 break
-            there = problem.moments(trial, scale, weights)
+            there = problem.moments(trial, scale)
             gain = np.fmin((here.loss - there.loss) / promise, 1.0)
             better = (there.loss <= here.loss) & ~done  # false for NaN
             here = there.where(better, here)
@@ -165,16 +165,21 @@ def search_among_outliers(problem: Problem, found: State) -> State:
     subsets = Problem(selections, problem.noise, in_space=True)
     tried = refine(subsets, started(subsets, GRID), iterations=25).state
     few = few_poses(problem, 2 * POSES)
-
-    def residual_of_most(state: State) -> ndarray:
-        return few.typical(few.moments(state))
-
     state = found.join(tried[np.isfinite(few.moments(tried).loss)])
-    state = state[np.argsort(residual_of_most(state))[: 4 * KEPT]]
-    for _ in range(3):
-        scale = np.maximum(residual_of_most(state), 1e-9)
-        state = refine(few, state, scale=scale, iterations=8).state
-    return distinct(state[np.argsort(residual_of_most(state))])
+    likely = np.argsort(few.typical(few.moments(state)))[: 4 * KEPT]
+    return distinct(robustly(few, state[likely], 3).state)
+
+
+def robustly(problem: Problem, state: State, rounds: int) -> Fit:
+    """Fits by Cauchy's loss, the one with the least residuals of most poses first. Its
+    unit is what these are, anew in each of some rounds: each weighs bad poses down
+    further.
+    """
+    fits = problem.moments(state)
+    for _ in range(rounds):
+        unit = problem.unit(fits)
+        fits = refine(problem, fits.state, scale=unit, iterations=8, tolerance=ROUGHLY)
+    return fits[np.argsort(problem.unit(fits), kind="stable")]
 
 
 def thin(observations: Observations, count: int) -> Observations:
@@ -201,15 +206,10 @@ def few_groups(observations: Observations, count: int) -> Observations:
     rng = np.random.default_rng(0)
     group = observations.labels
     P = len(group)
-    size = np.bincount(group)
-    rank = np.concatenate([np.arange(n) for n in size])
-    chosen = []
-    for _ in range(count):
-        poses = rng.permutation(P)
-        poses = poses[np.argsort(group[poses], kind="stable")]
-        # a few of each group, then others
-        order = np.argsort(rank // most_of_group + rng.random(len(size)).repeat(size))
-        chosen.append(poses[order[:most]])
+    # about what place each has in its group: a few of each group, then others
+    place = rng.random((count, P)) * np.bincount(group)[group]
+    order = place // most_of_group + rng.random((count, P))[:, group]
+    chosen = np.argsort(order, axis=1)[:, :most]
     few = thin(observations, P)
     arrays = {name: array[0][chosen] for name, array in few.arrays.items()}
     return replace(few, **arrays, group=None)

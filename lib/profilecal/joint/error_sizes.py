@@ -113,34 +113,30 @@ def likeliest(
         heights = log_density(model.posterior(law.variances(some)), some)
         y = some[np.argmax(heights)]
 
-    def look(y: ndarray) -> tuple:
-        y = np.clip(y, -FARTHEST, FARTHEST)
-        v = law.variances(y + STEP * np.array([[-1], [0], [1]]))
-        before, here, after = v[:, law.free]
-        slopes = (after - before) / (2 * STEP), (after - 2 * here + before) / STEP**2
-        posterior = model.posterior(v[[1]])
-        return log_density(posterior, y[None])[0], y, *slopes, posterior
+    def look(y: ndarray) -> tuple[float, ndarray, Posterior]:
+        around = law.variances(y + STEP * np.array([[-1], [0], [1]]))
+        posterior = model.posterior(around[[1]])
+        return log_density(posterior, y[None])[0], around[:, law.free], posterior
 
-    here = look(y)
+    h, around, posterior = look(y)
     for _ in range(30):
-        h, y, first, second, posterior = here
+        before, here, after = around
+        slope = (after - before) / (2 * STEP)
+        bend = (after - 2 * here + before) / STEP**2
         g, information = (part[..., law.free] for part in model.gradient(posterior))
-        information = first[:, None] * information[law.free] * first
-        values, vectors = np.linalg.eigh(information + np.diag(1 - g * second))
+        information = slope[:, None] * information[law.free] * slope
+        values, vectors = np.linalg.eigh(information + np.diag(1 - g * bend))
         values = np.maximum(values, 0.5)
-        uphill = g * first - y
-        # at a bound nothing is farther out: a step there would be halved for ever
-        outward = (np.abs(y) == FARTHEST) & (uphill * y > 0)
-        uphill[outward] = 0.0
+        uphill = g * slope - y
         step = vectors @ (vectors.T @ uphill / values)
-        step[outward] = 0.0
+        step *= 1.5 / np.abs(step).max(initial=1.5)
+        step = np.clip(y + step, -FARTHEST, FARTHEST) - y
         if uphill @ step / 2 < tolerance:
             break
-        step = step * min(1.0, 1.5 / np.abs(step).max())
-        here = look(y + step)
-        while here[0] < h:
+        while (there := look(y + step))[0] < h:
             step = step / 2
-            here = look(y + step)
+        y = y + step
+        h, around, posterior = there
     return Likeliest(y + step, vectors / np.sqrt(values) @ vectors.T, posterior)
 
 

@@ -12,7 +12,14 @@ from profilecal.geometry.noise import SMOOTH, Noise, Systematic, chi2_limit
 from profilecal.geometry.observability import units_by_hand
 from profilecal.geometry.poses import carry, rotations
 from profilecal.joint.linear_model import LinearModel
-from profilecal.joint.prior import DELAY, Mount, Perturbation, considered, of_clocks
+from profilecal.joint.prior import (
+    DELAY,
+    FINEST_MM,
+    Mount,
+    Perturbation,
+    considered,
+    of_clocks,
+)
 from profilecal.joint.residuals import SENSOR, Residuals
 from profilecal.joint.smooth import Known, SmoothErrors, smooth_errors
 from profilecal.targets.observations import (
@@ -126,6 +133,10 @@ class Problem:
         medians = [np.median(own, axis=0) for own in self.split(ratio.T)]
         return np.sqrt(np.mean(medians, axis=0))
 
+    def unit(self, fit: Fit) -> ndarray:
+        """The same, and at least the rounding of exact data, (B,)."""
+        return np.maximum(self.typical(fit), FINEST_MM / self.noise.profile_mm)
+
     def split(self, profiles: ndarray) -> list[ndarray]:
         """What is of all profiles (profiles, ...), for each target (P, ...)."""
         return np.split(profiles, np.cumsum([term.P for term in self.terms])[:-1])
@@ -139,16 +150,11 @@ class Problem:
             for term, placement in zip(self.terms, state.placements, strict=True)
         ]
 
-    def moments(
-        self,
-        state: State,
-        scale: ndarray | None = None,
-        weights: Sequence[ndarray] | None = None,
-    ) -> Fit:
+    def moments(self, state: State, scale: ndarray | None = None) -> Fit:
         """The normal equations and the loss at B states.
 
         `scale` (B,): Cauchy's loss with that many noise levels as its unit; None: least
-        squares. `weights` of the poses: (B, P) or (P,) for each target.
+        squares.
 
         A pose whose k residuals have the mean square q costs k u log(1 + q / u) in
         Cauchy's loss of unit u. To first order that is least squares with the weight
@@ -163,14 +169,10 @@ class Problem:
             count = np.maximum(self.terms[index].counts, 1)
             square = np.einsum("bkp,bkp->bp", r, r) / count
             per_pose.append(square)
-            given = 1.0 if weights is None else weights[index]
-            weight = np.broadcast_to(given, square.shape)
             if scale is not None:
                 unit = (CAUCHY * scale[:, None]) ** 2
-                loss += (count * weight * unit * np.log1p(square / unit)).sum(axis=1)
-                weight = weight / (1 + square / unit)
-            if weights is not None or scale is not None:
-                z *= np.sqrt(weight)[:, None, None]
+                loss += (count * unit * np.log1p(square / unit)).sum(axis=1)
+                z /= np.sqrt(1 + square / unit)[:, None, None]
             flat = z.reshape(B, z.shape[1], -1)
             to = self.places[index]
             normal[:, to[:, None], to] += flat @ flat.mT
@@ -208,13 +210,15 @@ class Problem:
             measured = term.linearise(state, placement)
             ideal = term.on_target(measured)
             slopes = ideal.linearise(state, placement)
+            by_flange = ideal.by_flange(slopes, state)
             z = np.zeros((1, residual + 7, *slopes.shape[2:]))
             z[:, SENSOR] = slopes[:, SENSOR]
             z[:, unknowns] = slopes[:, term.frame]
             for column, error in enumerate(errors, self.n):
-                z[:, column] = ideal.by_error(error, state, placement, slopes)
+                at = state, placement, slopes, by_flange
+                z[:, column] = ideal.by_error(error, *at)
             z[:, residual] = measured[:, term.residual]
-            z[:, FLANGE] = ideal.by_flange(slopes, state)
+            z[:, FLANGE] = by_flange
             columns.append(np.nan_to_num(z, copy=False, posinf=0, neginf=0))
         return columns
 

@@ -177,29 +177,34 @@ class Residuals:
         return by_x_and_z.reshape(2, len(columns), self.m, -1, self.P)
 
     def by_error(
-        self, error: Perturbation, state: State, placement: tuple, columns: ndarray
+        self,
+        error: Perturbation,
+        state: State,
+        placement: tuple,
+        columns: ndarray,
+        by_flange: ndarray,
     ) -> ndarray:
         """The derivative (1, K, P) by the size of an error, at a state of a batch of
-        one. `columns` are of these residuals, there.
+        one. `columns` are of these residuals, there, and so are those `by_flange`,
+        along whose motion (P, 6) wrong times and positions move the residuals.
         """
+        seen = self.observed
         if error.length:
             return self.by_length(error.length, state, placement)
-        if error.clock:
-            if self.observed.times is None:
-                return np.zeros((1, *columns.shape[2:]))
-            shift = error.clock(np.nan_to_num(self.observed.times[0]))
-            return self.by_time(columns, state) * shift
         if error.points:
             moved = self.moved_by(error.points, error.moved)
             by_error = (self.by_point(columns) * moved[:, :, :, None]).sum(axis=0)
             return by_error.reshape(1, *columns.shape[2:])
-        R, T = self.observed.R_flange[0], self.observed.T_flange[0]
-        if self.observed.eye_to_hand:
-            in_sensor = -error.positions(inverse(R, T)[1]) @ state.rotation[0]
+        motion = np.zeros((self.P, 6))
+        if error.clock and seen.times is not None:
+            motion = seen.twist * error.clock(np.nan_to_num(seen.times[0]))[:, None]
+        elif seen.eye_to_hand:
+            motion[:, :3] = -error.positions(-self.T_in_flange[0].T)
         else:
-            in_flange = (error.positions(T)[:, None] @ R)[:, 0]
-            in_sensor = in_flange @ state.rotation[0]
-        return np.sum(columns[:, SHIFT] * in_sensor.T[:, None], axis=1)
+            shift = error.positions(seen.T_flange[0])[:, None]
+            motion[:, :3] = (shift @ seen.R_flange[0])[:, 0]
+        in_sensor = (motion.reshape(-1, 2, 3) @ state.rotation[0]).reshape(-1, 6)
+        return np.einsum("bjkp,pj->bkp", by_flange, in_sensor)
 
     def moved_by(self, error: Callable, moved: str) -> ndarray:
         """By how much an error in x or z, the one `moved`, moves x and z of the points
@@ -231,14 +236,6 @@ class Residuals:
         with np.errstate(divide="ignore", invalid="ignore"):  # where no points are
             circles = fit_circle(self.seen.transpose(1, 3, 2, 0))
         return np.moveaxis(circles, -1, 0)[:, :, None]
-
-    def by_time(self, columns: ndarray, state: State) -> ndarray:
-        """The derivative (1, K, P) by the time at which the flange is looked up, mm/s:
-        along its twist ξ, dr/dt = (dr by the flange's pose) · ξ. Zero at rest.
-        """
-        twist = self.observed.twist.reshape(-1, 2, 3) @ state.rotation[0]
-        by_flange = self.by_flange(columns, state)
-        return np.einsum("bjkp,pj->bkp", by_flange, twist.reshape(-1, 6))
 
     def by_length(self, name: str, state: State, placement: tuple) -> ndarray:
         """The derivative (1, K, P) by one of the target's lengths, by differences."""

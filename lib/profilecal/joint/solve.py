@@ -28,9 +28,11 @@ from profilecal.geometry.poses import pose_error
 from profilecal.joint import delay
 from profilecal.joint.descent import (
     HOPELESS,
+    ROUGHLY,
     distinct,
     reach,
     refine,
+    robustly,
     search,
     search_among_outliers,
 )
@@ -44,7 +46,6 @@ from profilecal.targets.observations import Observations, State
 LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake
 LARGEST_REJECTED = 1 / 3  # of the poses
 MANY = 0.1  # of the poses: so many that contradict a fit may all be right
-ROUGHLY = 1e-6  # tolerance of refinements
 UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
 ROUNDS = 10  # of estimates; one or two are usual
 
@@ -165,21 +166,9 @@ def robust_fit(problem: Problem, state: State) -> Fit:
     """Fits by Cauchy's loss, best first, its unit lowered from what the residuals look
     like to what the noise is.
     """
-
-    def unit(fits: Fit) -> ndarray:
-        return np.maximum(problem.typical(fits), FINEST_MM / problem.noise.profile_mm)
-
-    fits = problem.moments(state)
-    for _ in range(4):
-        scale = unit(fits)
-        before = scale.min()
-        fits = refine(problem, state, scale=scale, iterations=10, tolerance=ROUGHLY)
-        fits = fits[np.argsort(unit(fits), kind="stable")[:3]]
-        state = fits.state
-        if abs(unit(fits)[0] - before) < 1e-3 * before:
-            break
-    scale = np.full_like(fits.loss, unit(fits).min())
-    return refine(problem, state, scale=scale, tolerance=ROUGHLY).best_first
+    fits = robustly(problem, state, 4)[:3]
+    scale = np.full_like(fits.loss, problem.unit(fits).min())
+    return refine(problem, fits.state, scale=scale, tolerance=ROUGHLY).best_first
 
 
 @dataclass(frozen=True)
@@ -405,7 +394,10 @@ def twin(
     of at most `largest`.
     """
     problem, model = estimated.problem, estimated.model
-    weights = problem.split(model.kept)
+    pairs = zip(problem.observations, problem.split(model.kept), strict=True)
+    kept = Problem(
+        [entry.keep(own) for entry, own in pairs], problem.noise, mount=problem.mount
+    )
 
     def apart(others: State) -> tuple[ndarray, ndarray]:
         """Errors (B, 6) of the state if others are right, and whether it is another."""
@@ -415,7 +407,7 @@ def twin(
         return delta, normalised_square(known.covariance, delta) > 50
 
     for k in np.flatnonzero(apart(others)[1]):
-        other = refine(problem, others[[k]], weights=weights, tolerance=ROUGHLY).state
+        other = refine(kept, others[[k]], tolerance=ROUGHLY).state
         there = problem.model(other, model.names).keeping(model.kept)
         posterior = there.posterior(estimated.error_sizes.v[None])
         other = problem.move(other, posterior.mean[:, : problem.n])
