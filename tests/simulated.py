@@ -78,8 +78,7 @@ def wrongly_seen(rows, error, wrong):
     if is_circle:
         angle = np.radians(np.linspace(-50, 50, 21))
         points = points + rows[:, 2:] * np.stack([np.sin(angle), -np.cos(angle)], 1)
-    moved = points.copy()
-    moved[:, "xz".index(error.moved)] += wrong * error.points(*points.T)
+    moved = points + wrong * np.stack(error.points(*points.T), axis=1)
     return fit_circle(moved)[None] if is_circle else moved
 
 

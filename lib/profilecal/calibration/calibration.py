@@ -22,7 +22,9 @@ from profilecal.calibration.several_scans import prefixes
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import SMOOTH
 from profilecal.geometry.observability import name_direction, shift_and_turn
-from profilecal.joint.solution import Solution, column_names
+from profilecal.joint.problem import Problem
+from profilecal.joint.smooth import COEFFICIENTS
+from profilecal.joint.solution import Solution
 from profilecal.scan.scan import MOUNTS, Scan
 from profilecal.targets.observations import Observations
 from profilecal.targets.target import Target
@@ -360,6 +362,22 @@ def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
         "freedom": sizes.freedom,
         "noise_factor": solution.noise_mm / shown,
     }
+
+
+def column_names(
+    problem: Problem, targets: Sequence[int] = (), smooth: bool = False
+) -> list[str]:
+    """What the columns of a problem's linear model are derivatives by. `targets`: the
+    numbers of its targets, if these are not all; `smooth`: whether the robot has smooth
+    errors.
+    """
+    names = [f"sensor {word} {axis}" for word in ("shift", "turn") for axis in "xyz"]
+    numbers = targets or range(len(problem.targets))
+    for number, target in zip(numbers, problem.targets, strict=True):
+        names += [f"target {number} shift {axis}" for axis in target.shifts]
+        names += [f"target {number} turn {axis}" for axis in target.turns]
+    names += [error.name for error in problem.considered]
+    return names + [f"smooth {k}" for k in range(COEFFICIENTS * smooth)]
 
 
 def observability_entries(solution: Solution, frame: str) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from numpy import ndarray
 from scipy.special import chndtrinc, fdtrc, fdtri
 
 from profilecal.calibration.answer import DEGREES, Answer, check_another
-from profilecal.calibration.calibration import Calibration
+from profilecal.calibration.calibration import Calibration, column_names
 from profilecal.calibration.evidence import Evidence, evidence
 from profilecal.calibration.observe import as_observations, observe
 from profilecal.geometry.checks import check_type
@@ -23,7 +23,6 @@ from profilecal.geometry.observability import HAND_PRECISION
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.prior import TYPICAL
 from profilecal.joint.problem import Problem
-from profilecal.joint.solution import column_names
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError
 from profilecal.targets.observations import State

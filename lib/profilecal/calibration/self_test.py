@@ -34,7 +34,7 @@ from profilecal.geometry.noise import (
 from profilecal.geometry.poses import difference, rotations
 from profilecal.geometry.progress import watched
 from profilecal.joint.prior import BEND, Mount, Prior
-from profilecal.joint.problem import FLANGE
+from profilecal.joint.problem import FLANGE, Problem
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import solve
 from profilecal.scan.scan import Scan
@@ -224,7 +224,7 @@ def simulated(
         steps[:, problem.clock] = late
     observed = []
     parts = zip(
-        problem.terms,
+        Problem(problem.observations, noise).terms,
         solution.state.placements,
         columns,
         problem.split(steps),
@@ -232,9 +232,9 @@ def simulated(
         strict=True,
     )
     for term, placement, (z,), of_profiles, kept in parts:
-        r = np.einsum("pc,ckp->kp", of_profiles, z) + term.drawn(noise, rng)
+        r = np.einsum("pc,ckp->kp", of_profiles, z)
         here = term.linearise(solution.state, placement)
-        observed.append(term.seen_with(r, here).keep(kept))
+        observed.append(term.seen_anew(r, here, rng).keep(kept))
     return observed
 
 

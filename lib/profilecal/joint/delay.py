@@ -43,12 +43,7 @@ def roughly(problem: Problem, starts: Sequence = ()) -> float:
     What counts is Cauchy's loss over the residuals that most profiles have there, and
     the square of the delay over what it may be.
     """
-    few = Problem(
-        [thin(entry, FEW) for entry in problem.observations],
-        problem.noise,
-        problem.systematic,
-        mount=problem.mount,
-    )
+    few = problem.of(thin(entry, FEW) for entry in problem.observations)
     fits, typical = [], []
     for delay in TRIED:
         later = few.later(delay)

@@ -219,12 +219,8 @@ def distinct(state: State, count: int = KEPT) -> State:
     """At most `count` sensor poses of a batch, in order, without those that repeat an
     earlier one.
     """
-    repeats = alike(state)
-    kept: list[int] = []
-    for i in range(len(repeats)):
-        if not repeats[i, kept].any():
-            kept.append(i)
-    return state[kept[:count]]
+    repeats = np.tril(alike(state), -1).any(axis=1)
+    return state[~repeats][:count]
 
 
 def alike(state: State) -> ndarray:

@@ -561,15 +561,15 @@ def inverse_root(C: ndarray) -> tuple[ndarray, ndarray]:
     stand last.
     """
     m = C.shape[-1]
-    A = np.zeros((m, 2 * m, *C.shape[:2]))
+    A = np.empty((m, 2 * m, *C.shape[:2]))
     A[:, :m] = C.transpose(2, 3, 0, 1)
-    diagonal, ones = (np.einsum("ii...->i...", A[:, k : k + m]) for k in (0, m))
-    ones[:] = 1.0
+    A[:, m:] = np.eye(m)[..., None, None]
     for j in range(m):
         part = slice(j, m + j + 1)
         A[j, part] /= np.sqrt(A[j, j])
         A[j + 1 :, part] -= A[j, j + 1 : m, None] * A[j, part]
     root = np.ascontiguousarray(A[:, m:].transpose(2, 3, 0, 1))
+    diagonal = np.einsum("jj...->j...", A[:, :m])
     return root, 2 * np.log(diagonal).sum(axis=(0, 2))
 
 

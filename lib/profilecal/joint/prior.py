@@ -210,9 +210,8 @@ class Perturbation:
     unit: float  # what the size is to be multiplied by, for the words
     signs: tuple[str, str] = ("large", "small")  # of a positive and a negative size
     prior: str = ""  # the entry of `Systematic` that says how large it can be
-    # of points x and z (...): by how much x or z, the one `moved`, is wrong, mm
+    # of points x and z (...): by how much both are wrong, mm
     points: Callable | None = None
-    moved: str = ""
     # of flange positions (P, 3) in the base: by how much they are wrong, mm
     positions: Callable = np.zeros_like
     length: str = ""  # the name of a length of the target
@@ -222,19 +221,24 @@ class Perturbation:
     name: str = ""
 
 
-def with_x(x: ndarray, z: ndarray) -> ndarray:
-    """An error that grows with x, by one."""
-    return x
+def scaled_x(x: ndarray, z: ndarray) -> tuple[ndarray, ndarray]:
+    """An error of x that grows with x, by one."""
+    return x, 0 * z
 
 
-def with_z(x: ndarray, z: ndarray) -> ndarray:
-    """An error that grows with z, by one."""
-    return z
+def scaled_z(x: ndarray, z: ndarray) -> tuple[ndarray, ndarray]:
+    """An error of z that grows with z, by one."""
+    return 0 * x, z
 
 
-def bend(x: ndarray, z: ndarray) -> ndarray:
-    """An error as if profiles were bent by 1 mm, 50 mm from the middle."""
-    return (x / 50) ** 2
+def sheared(x: ndarray, z: ndarray) -> tuple[ndarray, ndarray]:
+    """An error of x that grows with z, by one."""
+    return z, 0 * z
+
+
+def bend(x: ndarray, z: ndarray) -> tuple[ndarray, ndarray]:
+    """An error of z as if profiles were bent by 1 mm, 50 mm from the middle."""
+    return 0 * x, (x / 50) ** 2
 
 
 BEND = Perturbation(
@@ -242,7 +246,6 @@ BEND = Perturbation(
     1,
     ("away from", "towards"),
     "bend_mm",
-    moved="z",
     points=bend,
     name="bend",
 )
@@ -252,16 +255,14 @@ OF_SCANNER = [
         "the profiles' x were too {} by {} %",
         100,
         prior="scale_percent",
-        moved="x",
-        points=with_x,
+        points=scaled_x,
         name="x scale",
     ),
     Perturbation(
         "the profiles' z were too {} by {} %",
         100,
         prior="scale_percent",
-        moved="z",
-        points=with_z,
+        points=scaled_z,
         name="z scale",
     ),
     Perturbation(
@@ -269,8 +270,7 @@ OF_SCANNER = [
         100,
         ("grew", "shrank"),
         "shear_percent",
-        moved="x",
-        points=with_z,
+        points=sheared,
         name="shear",
     ),
     BEND,

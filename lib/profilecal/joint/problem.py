@@ -75,7 +75,7 @@ class Problem:
         self.observations = list(observations)
         self.noise = noise
         self.mount = mount
-        self.terms = [Residuals(entry, in_space) for entry in self.observations]
+        self.terms = [Residuals(one, noise, in_space) for one in self.observations]
         self.targets = [entry.target for entry in self.observations]
         self.systematic = systematic or Systematic()
         self.considered = considered(self.targets, self.systematic)
@@ -118,12 +118,14 @@ class Problem:
         where = (R, T), sensor, seen, ratio, to_hand
         return smooth_errors(*where, self.known_smooth)
 
+    def of(self, observations: Iterable[Observations]) -> "Problem":
+        """The same problem of other observations of these targets."""
+        known = self.systematic, self.terms[0].in_space, self.mount
+        return Problem(observations, self.noise, *known)
+
     def later(self, seconds: float) -> "Problem":
         """With what was seen in motion so much later in the robot's log."""
-        observations = [entry.later(seconds) for entry in self.observations]
-        in_space = self.terms[0].in_space
-        known = self.systematic, in_space, self.mount
-        return Problem(observations, self.noise, *known)
+        return self.of(entry.later(seconds) for entry in self.observations)
 
     def typical(self, fit: Fit) -> ndarray:
         """How many noise levels large the residuals of most poses are, (B,): the root
@@ -146,7 +148,7 @@ class Problem:
         noise.
         """
         return [
-            term.over_noise(term.linearise(state, placement), self.noise)
+            term.over_noise(term.linearise(state, placement))
             for term, placement in zip(self.terms, state.placements, strict=True)
         ]
 
@@ -240,7 +242,7 @@ class Problem:
         K = max(z.shape[2] for z in columns)
         whole = np.zeros((len(self.counts), K, columns[0].shape[1]))
         for term, z, own in zip(self.terms, columns, self.split(whole), strict=True):
-            own[:, : z.shape[2]] = term.over_noise(z.copy(), self.noise)[0].T
+            own[:, : z.shape[2]] = term.over_noise(z.copy())[0].T
         precision = np.r_[
             NOTHING_KNOWN / self.units**2,
             np.power([*self.considered.values()], -2.0),

@@ -31,7 +31,9 @@ class Residuals:
     that NumPy's inner loops run over poses.
     """
 
-    def __init__(self, observations: Observations, in_space: bool = False) -> None:
+    def __init__(
+        self, observations: Observations, noise: Noise, in_space: bool = False
+    ) -> None:
         self.observed = observations
         self.in_space = in_space
         self.target = observations.target
@@ -55,27 +57,26 @@ class Residuals:
         self.seen = np.where(self.present, points, 0.0)
         # how many residuals each pose has, (B|1, P)
         self.counts = self.present.sum(axis=1) * self.target.rows
-        self.set_precision()
+        self.set_precision(noise)
 
-    def set_precision(self) -> None:
-        """How precise points are, over the scanner's noise: `sd` (B|1, m, P) of each
-        point, or `whiten` (B|1, K, K, P), which makes the residuals of a pose
-        independent.
+    def set_precision(self, noise: Noise) -> None:
+        """How precise residuals are: `sd` (B|1, m, rows, P) of each point's, and
+        `whiten` (B|1, K, K, P), which makes those of a pose independent, if need be.
         """
-        self.sd = np.ones((1, self.m, self.P))
+        of_points = np.ones((1, self.m, self.P))
         self.whiten = None
         covariance = self.observed.covariance
-        if covariance is None:
-            return
-        if self.observed.on_curve:
-            self.sd = np.sqrt(covariance.mT)
-        elif self.in_space:
+        if covariance is not None and self.observed.on_curve:
+            of_points = np.sqrt(covariance.mT)
+        elif covariance is not None and self.in_space:
             variances = np.diagonal(covariance, axis1=2, axis2=3)
             of_x_and_z = variances.reshape(-1, self.P, self.m, 2)
-            self.sd = np.sqrt(of_x_and_z.mean(axis=3)).mT
-        else:
+            of_points = np.sqrt(of_x_and_z.mean(axis=3)).mT
+        elif covariance is not None:
             whiten = np.linalg.inv(np.linalg.cholesky(covariance))
             self.whiten = np.moveaxis(whiten, 1, -1)
+        rows = [1.0] if self.in_space else self.target.residual_sd(noise)
+        self.sd = of_points[:, :, None] * noise.profile_mm * np.array(rows)[:, None]
 
     def linearise(self, state: State, placement: tuple) -> ndarray:
         """The K residuals of each of P poses and their derivatives, mm and rad.
@@ -192,7 +193,7 @@ class Residuals:
         if error.length:
             return self.by_length(error.length, state, placement)
         if error.points:
-            moved = self.moved_by(error.points, error.moved)
+            moved = self.moved_by(error.points)
             by_error = (self.by_point(columns) * moved[:, :, :, None]).sum(axis=0)
             return by_error.reshape(1, *columns.shape[2:])
         motion = np.zeros((self.P, 6))
@@ -206,9 +207,8 @@ class Residuals:
         in_sensor = (motion.reshape(-1, 2, 3) @ state.rotation[0]).reshape(-1, 6)
         return np.einsum("bjkp,pj->bkp", by_flange, in_sensor)
 
-    def moved_by(self, error: Callable, moved: str) -> ndarray:
-        """By how much an error in x or z, the one `moved`, moves x and z of the points
-        seen, (2, 1, m, P) mm.
+    def moved_by(self, error: Callable) -> ndarray:
+        """By how much an error of points moves x and z of those seen, (2, 1, m, P) mm.
 
         Three points that stand for a circle move as it does: as the one that fits the
         arc that was seen. If points in the directions n from the centre move by e, it
@@ -216,18 +216,15 @@ class Residuals:
 
             n · c + d = n · e
         """
-        axis = "xz".index(moved)
         if not self.observed.are_circles:
-            shift = np.zeros(self.seen.shape)
-            shift[axis] = error(*self.seen)
-            return shift
+            return np.array(error(*self.seen))
         *centre, radius = self.circles
         outward = (self.seen - centre) / radius
         angle = np.radians(Ball.half_arc_deg) * np.linspace(-1, 1, 21)
         n = np.stack([np.sin(angle), -np.cos(angle)])  # towards the scanner
-        e = error(*(centre + radius * n[:, None, :, None]))
-        at_arc = n[axis][:, None] * e
-        x, z, d = np.linalg.pinv(np.stack([*n, np.ones(21)], axis=1)) @ at_arc[0]
+        arc = centre + radius * n[:, None, :, None]
+        at_arc = np.einsum("xa,xbap->ap", n, error(*arc))
+        x, z, d = np.linalg.pinv(np.stack([*n, np.ones(21)], axis=1)) @ at_arc
         return outward * (outward[0] * x + outward[1] * z + d)
 
     @cached_property
@@ -260,40 +257,28 @@ class Residuals:
         other.seen = self.seen - np.sum(self.by_point(columns) * r, axis=3)
         return other
 
-    def over_noise(self, z: ndarray, noise: Noise) -> ndarray:
+    def over_noise(self, z: ndarray) -> ndarray:
         """Columns (B, columns, K, P), changed in place, over the scanner's noise, and
         as precise as each point is.
         """
         if self.whiten is not None:
             z[:] = np.einsum("bijp,bcjp->bcip", self.whiten, z)
-        z /= self.noise_sd(noise, z.shape[2] // self.m)[:, None]
+        by_point = z.reshape(*z.shape[:2], self.m, -1, self.P)
+        by_point /= self.sd[:, None]
         return z
 
-    def noise_sd(self, noise: Noise, rows: int) -> ndarray:
-        """Standard deviations (B|1, K, P) of residuals made independent, so many of
-        each point.
+    def seen_anew(self, r: ndarray, columns: ndarray, rng: Generator) -> Observations:
+        """What is observed of the first problem where residuals are r (K, P) and the
+        scanner's noise, and not what the `columns`, a state's, have.
         """
-        sd = noise.profile_mm * self.sd.repeat(rows, axis=1)
-        if not self.in_space:
-            sd = sd * np.tile(self.target.residual_sd(noise), self.m)[:, None]
-        return sd
-
-    def drawn(self, noise: Noise, rng: Generator) -> ndarray:
-        """Residuals (K, P) of the first problem as the scanner's noise makes them."""
-        (sd,) = self.noise_sd(noise, self.target.rows)
-        r = sd * rng.normal(size=sd.shape)
+        drawn = self.sd[0] * rng.normal(size=self.sd[0].shape)
+        drawn = drawn.reshape(r.shape)
         if self.whiten is not None:
             whiten = np.moveaxis(self.whiten[0], -1, 0)
-            r = np.linalg.solve(whiten, r.T[..., None])[..., 0].T
-        return r
-
-    def seen_with(self, r: ndarray, columns: ndarray) -> Observations:
-        """What is observed of the first problem where residuals are r (K, P), and not
-        what the `columns`, a state's, have.
-        """
-        ideal = self.on_target(columns)
-        moves = self.by_point(columns) * r.reshape(self.m, -1, self.P)
-        points = np.where(self.present, ideal.seen + moves.sum(axis=3), np.nan)
+            drawn = np.linalg.solve(whiten, drawn.T[..., None])[..., 0].T
+        moves = self.by_point(columns) * (r + drawn).reshape(self.m, -1, self.P)
+        seen = self.on_target(columns).seen + moves.sum(axis=3)
+        points = np.where(self.present, seen, np.nan)
         return replace(self.observed, points=points.transpose(1, 3, 2, 0))
 
     def move(self, placement: tuple, step: ndarray) -> Frames:

@@ -14,24 +14,8 @@ from profilecal.joint.error_sizes import ErrorSizes
 from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import Perturbation, Prior
 from profilecal.joint.problem import Problem
-from profilecal.joint.smooth import COEFFICIENTS, SmoothErrors, shifting
+from profilecal.joint.smooth import SmoothErrors, shifting
 from profilecal.targets.observations import State
-
-
-def column_names(
-    problem: Problem, targets: Sequence[int] = (), smooth: bool = False
-) -> list[str]:
-    """What the columns of a problem's linear model are derivatives by. `targets`: the
-    numbers of its targets, if these are not all; `smooth`: whether the robot has smooth
-    errors.
-    """
-    names = [f"sensor {word} {axis}" for word in ("shift", "turn") for axis in "xyz"]
-    numbers = targets or range(len(problem.targets))
-    for number, target in zip(numbers, problem.targets, strict=True):
-        names += [f"target {number} shift {axis}" for axis in target.shifts]
-        names += [f"target {number} turn {axis}" for axis in target.turns]
-    names += [error.name for error in problem.considered]
-    return names + [f"smooth {k}" for k in range(COEFFICIENTS * smooth)]
 
 
 @dataclass(frozen=True)

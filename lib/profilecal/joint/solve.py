@@ -395,9 +395,7 @@ def twin(
     """
     problem, model = estimated.problem, estimated.model
     pairs = zip(problem.observations, problem.split(model.kept), strict=True)
-    kept = Problem(
-        [entry.keep(own) for entry, own in pairs], problem.noise, mount=problem.mount
-    )
+    kept = problem.of(entry.keep(own) for entry, own in pairs)
 
     def apart(others: State) -> tuple[ndarray, ndarray]:
         """Errors (B, 6) of the state if others are right, and whether it is another."""

@@ -266,10 +266,9 @@ def erring(seen, error, h: float):
         sizes[seen.target.lengths.index(error.length)] += h
         return replace(seen, sizes=tuple(sizes))
     if error.points:
-        points = seen.points.copy()
         x, z = np.moveaxis(seen.points, -1, 0)
-        points[..., "xz".index(error.moved)] += h * error.points(x, z)
-        return replace(seen, points=points)
+        moved = np.stack(error.points(x, z), axis=-1)
+        return replace(seen, points=seen.points + h * moved)
     R, T = seen.R_flange[0], seen.T_flange[0]
     if seen.eye_to_hand:
         R, T = inverse(R, T)

@@ -75,7 +75,7 @@ def test_the_middle_of_what_a_pose_sees_is_where_the_target_is(kind):
     """In a ball's centre and on a rod's axis, which lie deeper than their points."""
     solution = calibration_of(kind, seed=1, measured="profiles").solution
     (seen,), (placement,) = solution.problem.observations, solution.state.placements
-    of_pose = Residuals(seen.keep([3]))
+    of_pose = Residuals(seen.keep([3]), solution.noise)
     middle = of_pose.middle(solution.state, placement)
     on_flange = carry(solution.rotation, solution.translation, middle)
     in_base = carry(seen.R_flange[0, 3], seen.T_flange[0, 3], on_flange)
