@@ -217,7 +217,8 @@ def simulated(
         errors = rng.normal(size=(shared.max() + 1, 6))[shared]
         steps[:, FLANGE] += size * by_unit(name) * errors
     if noise.accuracy_mm:
-        patterns = noise.accuracy_mm * solution.smooth.left  # (profiles, 6, patterns)
+        # (profiles, 6, patterns)
+        patterns = noise.accuracy_mm * solution.smooth.columns(np.eye(6))
         steps[:, FLANGE] += patterns @ rng.normal(size=patterns.shape[2])
     if problem.clock is not None:
         late = noise.jitter_ms / 1000 * rng.normal(size=len(steps))

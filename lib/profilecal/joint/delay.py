@@ -27,7 +27,6 @@ from profilecal.geometry.observability import (
     size_direction,
 )
 from profilecal.joint.descent import ROUGHLY, refine, search, thin
-from profilecal.joint.prior import FINEST_MM
 from profilecal.joint.problem import Problem
 from profilecal.targets.observations import State
 
@@ -44,14 +43,14 @@ def roughly(problem: Problem, starts: Sequence = ()) -> float:
     the square of the delay over what it may be.
     """
     few = problem.of(thin(entry, FEW) for entry in problem.observations)
-    fits, typical = [], []
+    fits, units = [], []
     for delay in TRIED:
         later = few.later(delay)
         state = search(later, starts)
         fit = refine(later, state, iterations=20, tolerance=ROUGHLY).best_first
         fits.append(fit.state[[0]])
-        typical.append(later.typical(fit)[0])
-    scale = max(np.min(typical), FINEST_MM / problem.noise.profile_mm)
+        units.append(later.unit(fit)[0])
+    scale = min(units)
 
     def loss(delay: float, state: State) -> float:
         later = few.later(delay)

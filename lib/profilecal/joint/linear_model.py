@@ -87,6 +87,7 @@ class Rows:
     E: ndarray  # (b, Q, q, 6)
     Z: ndarray  # (b, Q, q, m + n + 1)
     parts: ndarray  # (errors, b, Q, q, q)
+    errors: list[int]  # their numbers: 0 is the scanner's noise
 
 
 @dataclass(frozen=True)
@@ -304,7 +305,7 @@ class LinearModel:
         other.kept = kept
         if self.smooth and not kept.all():
             other.smooth = self.smooth.keeping(kept)
-        for name in ("Z", "rows", "rest_of_kept"):
+        for name in ("rows", "rest_of_kept"):
             vars(other).pop(name, None)
         return other
 
@@ -325,12 +326,13 @@ class LinearModel:
         other.rows = None
         return other
 
-    @cached_property
+    @property
     def Z(self) -> ndarray:
         """[B | A | r] (profiles, q, m + n + 1) of the rows that speak of the flange."""
         if not self.smooth:
             return self.Y
-        return np.concatenate([self.E[..., :6] @ self.smooth.left, self.Y], axis=2)
+        B = self.smooth.columns(self.E[..., :6])
+        return np.concatenate([B, self.Y], axis=2)
 
     @cached_property
     def rows(self) -> Rows | None:
@@ -339,15 +341,12 @@ class LinearModel:
         real = (profiles >= 0)[..., None, None]
         E, Z = self.E[profiles] * real, self.Z[profiles] * real
         parts = [np.broadcast_to(np.eye(self.q), (*profiles.shape, self.q, self.q))]
+        errors = [0]
         for error, alone in self.nesting.own:
             by_error = E * alone[profiles, None, None] * self.units[error]
             parts.append(by_error @ E.mT)
-        return Rows(groups, profiles, E, Z, np.array(parts))
-
-    @property
-    def of_own(self) -> list[int]:
-        """Which of v the parts of D are by."""
-        return [0, *(error for error, _ in self.nesting.own)]
+            errors.append(error)
+        return Rows(groups, profiles, E, Z, np.array(parts), errors)
 
     @cached_property
     def rest_of_kept(self) -> tuple[ndarray, int]:
@@ -363,7 +362,7 @@ class LinearModel:
     def factors(self, v: ndarray) -> Factors:
         """C of the rows for variances v (S, 1 + k), without smooth errors."""
         rows, S, a = self.rows, len(v), self.axes
-        D = np.tensordot(v[:, self.of_own], rows.parts, 1)
+        D = np.tensordot(v[:, rows.errors], rows.parts, 1)
         root, log_det = inverse_root(D.reshape(S, -1, self.q, self.q))
         root = root.reshape(D.shape)
         W_E = (root @ rows.E).reshape(S, len(rows.groups), -1, a)
@@ -485,7 +484,7 @@ class LinearModel:
         rows, Q, k = factors.rows, factors.covariances, len(slope)
         x, V = posterior.whole
         P, CA, w = self.precisions(posterior)
-        slope[self.of_own] += np.tensordot(rows.parts, P, 4)
+        slope[rows.errors] += np.tensordot(rows.parts, P, 4)
         moves = np.zeros((len(Q), self.axes, k))  # of groups, by M_k w
         for node in factors.nodes:
             level, J = node.level, node.J[0]
@@ -498,7 +497,7 @@ class LinearModel:
             moves[level.groups, :, level.errors] = f[..., None] * units.T
         F = rows.E @ moves[rows.groups, None]  # M_k w
         own = rows.parts @ w[..., None]
-        F[..., self.of_own] += np.moveaxis(own[..., 0], 0, -1)
+        F[..., rows.errors] += np.moveaxis(own[..., 0], 0, -1)
         slope -= np.tensordot(w, F, 3)
         across += np.tensordot(CA, F, ((0, 1, 2), (0, 1, 2)))
         within += factors.solve(F)[0][0]
@@ -541,8 +540,8 @@ class LinearModel:
         Johnson 1992).
         """
         x, V = posterior.whole
-        errors = self.Z @ np.append(x, 1.0)
-        A = self.Z[..., :-1]
+        Z = self.Z
+        errors, A = Z @ np.append(x, 1.0), Z[..., :-1]
         covariances = self.own(posterior.v[0]) + A @ V @ A.mT
         if posterior.last:
             P, _, w = self.precisions(posterior)

@@ -41,7 +41,7 @@ class Nesting:
         profiles = np.flatnonzero(kept)
         profiles = profiles[np.argsort(self.holder[profiles], kind="stable")]
         holder = self.holder[profiles]
-        groups = np.count_nonzero(np.bincount(holder))
+        groups = np.unique(holder).size
         Q = -(-len(holder) // max(1, groups))
         place = np.arange(len(holder)) - np.searchsorted(holder, holder)
         firsts = np.flatnonzero(place % Q == 0)

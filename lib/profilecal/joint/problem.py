@@ -253,7 +253,7 @@ class Problem:
         if SMOOTH in names:
             smooth = self.smooth(state)
         elif accuracy_mm:
-            B = by_flange @ self.smooth(state).left
+            B = self.smooth(state).columns(by_flange)
             rows = np.concatenate([rows[..., :-1], B, rows[..., -1:]], axis=2)
             precision = np.append(precision, np.full(B.shape[2], accuracy_mm**-2.0))
         return LinearModel(

@@ -15,7 +15,6 @@ A wrist that turns over between two poses errs by a jump, which is none of these
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy import ndarray
@@ -57,10 +56,12 @@ class SmoothErrors:
         """What other poses need to know of these."""
         return *self.middle, self.steps
 
-    @cached_property
-    def left(self) -> ndarray:
-        """Errors (P, 6, 27) of the flange without what the steps take up."""
-        return shifting(-self.arms) @ (self.errors - self.rigid @ self.steps)
+    def columns(self, by_flange: ndarray) -> ndarray:
+        """By how much each coefficient moves rows (P, K, 27) that a motion of the
+        flange moves by `by_flange` (P, K, 6), without what the steps take up.
+        """
+        by_view = by_flange @ shifting(-self.arms)
+        return by_view @ self.errors - (by_view @ self.rigid) @ self.steps
 
     def keeping(self, kept: ndarray) -> "SmoothErrors":
         """The same where only the profiles kept (P,) say what the steps are: those that

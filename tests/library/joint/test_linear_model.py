@@ -44,6 +44,9 @@ class Smooth:
         self.left = left
         self.count = left.shape[-1]
 
+    def columns(self, by_flange):
+        return by_flange @ self.left
+
     def keeping(self, kept):
         return self
 

@@ -66,7 +66,9 @@ def test_what_a_mount_and_a_base_take_up_is_left_out():
     of_kept = errors.keeping(kept)
     assert_allclose(of_kept.steps, steps, rtol=1e-6, atol=1e-6 * np.abs(steps).max())
     arms = errors.arms[kept]
-    left = (shifting(arms) @ of_kept.left[kept] * weight).reshape(moved.shape)
+    left = (shifting(arms) @ of_kept.columns(np.eye(6))[kept] * weight).reshape(
+        moved.shape
+    )
     assert_allclose(left, moved - rigid @ steps, atol=1e-9)
 
 
