@@ -178,7 +178,7 @@ class Posterior:
     log_evidence: ndarray  # (S,) of the variances
     # of the rows that speak of the flange, if there are any, for the last sets: C and
     # what it says of Z, as `Factors.solve` has it
-    last: tuple[Factors, ndarray, ndarray, ndarray] | None
+    last: tuple
 
     @cached_property
     def root(self) -> ndarray:
@@ -298,6 +298,7 @@ class LinearModel:
         numbers = [groups.sharing(name) for name in fresh]
         self.nesting = nesting(len(counts), numbers)
         self.kept = np.ones(len(counts), dtype=bool)
+        self.flange_errs = True  # by errors that profiles share, or their own
 
     def keeping(self, kept: ndarray) -> "LinearModel":
         """The model of some of its profiles (profiles,) only."""
@@ -323,7 +324,7 @@ class LinearModel:
         products, _ = self.rest_of_kept
         products = products + squares(self.Z[None, self.kept])[0]
         other.rest_of_kept = products, int(self.counts[self.kept].sum())
-        other.rows = None
+        other.flange_errs = False
         return other
 
     @property
@@ -335,7 +336,7 @@ class LinearModel:
         return np.concatenate([B, self.Y], axis=2)
 
     @cached_property
-    def rows(self) -> Rows | None:
+    def rows(self) -> Rows:
         """Of the profiles kept."""
         groups, profiles = self.nesting.bundles(self.kept)
         real = (profiles >= 0)[..., None, None]
@@ -388,8 +389,8 @@ class LinearModel:
         N = rest / v0[:, None, None]
         N[:, m:, m:] += self.of_mount
         log_det = count * np.log(v0)
-        last = None
-        if self.rows:
+        last: tuple = ()
+        if self.flange_errs:
             some = max(1, AT_ONCE // self.rows.Z.size)
             for start in range(0, len(v), some):
                 part = slice(start, start + some)
