@@ -39,8 +39,3 @@ def assert_exact(error: np.ndarray) -> None:
     shift, turn = error[..., :3], error[..., 3:]
     assert np.degrees(np.linalg.norm(turn, axis=-1)).max() < 1e-9
     assert np.linalg.norm(shift, axis=-1).max() < 1e-9
-
-
-def mount_of(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """The sensor's pose on the flange, (3, 3), (3,) mm."""
-    return scene.truth.rotation[0], scene.truth.translation[0]
