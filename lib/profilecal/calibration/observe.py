@@ -2,12 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
+from operator import attrgetter
 from textwrap import shorten
 
 import numpy as np
 from numpy import ndarray
 from scipy.linalg import block_diag
 
+from profilecal.profiles.ends import FEW
 from profilecal.profiles.points import Feature
 from profilecal.scan.scan import MEASURED, Scan
 from profilecal.scan.tables import ScanError, listed
@@ -16,6 +19,8 @@ from profilecal.targets.observations import Observations
 LEAST_POSES = 3  # from which a target's place is found
 # mm of noise at least: points exactly on a line have no scatter to tell theirs by
 LEAST_NOISE_MM = 1e-4
+# what scans have in common that may be parts of one
+LIKE = attrgetter("kind", "sizes", "measured", "log")
 
 
 @dataclass(frozen=True)
@@ -42,12 +47,16 @@ class Seen:
         return float(np.median(np.sqrt(variance.mean(axis=1))))
 
 
-def observe(scan: Scan, least: int = 0) -> Seen:
+def observe(scan: Scan, least: int = 0, others: Sequence[Scan] = ()) -> Seen:
     """The target as a scan's profiles, points, chords or arcs show it.
 
-    Raises ScanError where fewer than `least` poses saw it.
+    `others`: more scans by the same scanner. Raises ScanError where fewer than `least`
+    poses saw it.
     """
-    seen = from_profiles(scan) if scan.measured == "profiles" else from_table(scan)
+    if scan.measured == "profiles":
+        seen = from_profiles(scan, others)
+    else:
+        seen = from_table(scan)
     if len(seen.poses) < least:
         why = f" ({shorten('; '.join(seen.remarks), 500)})"
         title = scan.title or f"the {scan.kind}"
@@ -59,9 +68,20 @@ def observe(scan: Scan, least: int = 0) -> Seen:
     return seen
 
 
-def from_profiles(scan: Scan) -> Seen:
-    """The target as raw profiles show it."""
+def from_profiles(scan: Scan, others: Sequence[Scan]) -> Seen:
+    """The target as raw profiles show it.
+
+    A few do not tell where the field of view ends: they are looked at beside those of
+    other scans of such a target too, and what finds more counts.
+    """
     features = scan.target.find(scan.values, *scan.sizes)
+    if len(features) < FEW:
+        like = [one for one in others if one is not scan and LIKE(one) == LIKE(scan)]
+        values = chain(scan.values, *(one.values for one in like))
+        beside = scan.target.find([*values], *scan.sizes)[: len(features)]
+        features = max(
+            features, beside, key=lambda each: sum(one.found for one in each)
+        )
     found = [feature for feature in features if feature.found]
     m = scan.target.points
     points, covariance = curve_points(found) if m is None else marked_points(found, m)
@@ -174,7 +194,7 @@ def observe_all(
     covariances: the typical standard deviation of features of profiles, mm (0 where
     there are none).
     """
-    seen = [observe(scan, LEAST_POSES) for scan in scans]
+    seen = [observe(scan, LEAST_POSES, scans) for scan in scans]
     features_mm = next((entry.typical_mm for entry in seen if entry.typical_mm), 0.0)
     observed = [
         as_observations(scan, entry, features_mm)

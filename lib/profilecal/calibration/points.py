@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 from profilecal.geometry.checks import check_rigid
 from profilecal.geometry.noise import SMOOTH, by_unit
 from profilecal.geometry.poses import carry
+from profilecal.joint.smooth import shifting
 from profilecal.joint.solution import Solution
 
 
@@ -28,7 +29,7 @@ def point_sd(
     adds L(q) S L(q)ᵀ.
     """
     p = np.stack(np.broadcast_arrays(x, 0.0, z), axis=-1)
-    R, L = solution.rotation, lever(p)
+    R, L = solution.rotation, shifting(p)[..., :3, :]
     C = R @ L @ solution.covariance_total @ L.mT @ R.T
     if T is not None:
         T = np.asarray(T, float)
@@ -39,17 +40,11 @@ def point_sd(
         if to_hand:
             q = carry(R_flange.mT, np.zeros(3), q - T_flange)
             C = R_flange.mT @ C @ R_flange
-        L = lever(q)
+        L = shifting(q)[..., :3, :]
         C = C + L * robot_variances(solution) @ L.mT
         if not to_hand:
             C = R_flange @ C @ R_flange.mT
     return np.sqrt(np.diagonal(C, axis1=-2, axis2=-1))
-
-
-def lever(p: ndarray) -> ndarray:
-    """L(p) (..., 3, 6): by how much a shift and a turn move points p (..., 3)."""
-    one = np.broadcast_to(np.eye(3), (*p.shape, 3))
-    return np.concatenate([one, np.cross(one, p[..., None, :]).mT], axis=-1)
 
 
 def robot_variances(solution: Solution) -> ndarray:

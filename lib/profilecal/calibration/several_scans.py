@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from profilecal.calibration.answer import fingerprints
-from profilecal.calibration.observe import LEAST_POSES
+from profilecal.calibration.observe import LEAST_POSES, LIKE
 from profilecal.geometry.checks import check_type
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError
@@ -83,11 +83,7 @@ def with_few_joined(scans: Sequence[Scan]) -> tuple[tuple[Scan, ...], list[str]]
     first, kept = scans[0], []
     remarks = []
     for name, scan in zip(prefixes(scans)[1:], scans[1:], strict=True):
-        alike = all(
-            getattr(scan, name) == getattr(first, name)
-            for name in ("kind", "sizes", "measured", "log")
-        )
-        if alike and not scan.log and len(scan.values) < LEAST_POSES:
+        if LIKE(scan) == LIKE(first) and len(scan.values) < LEAST_POSES:
             first = joined(first, scan, name)
             remarks.append(
                 f"{name}{len(scan.values)} poses do not place a target; this "

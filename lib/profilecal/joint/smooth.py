@@ -100,7 +100,7 @@ def smooth_errors(
     to_sensor = (R @ R_sensor).mT
     places = R @ (R_sensor @ seen + T_sensor) + T  # of the middle, in the base
     rigid = np.zeros((len(R), 6, 12))
-    rigid[:, :, :6] = shifting(seen[None])
+    rigid[:, :, :6] = shifting(seen)
     rigid[:, :3, 6:9] = rigid[:, 3:, 9:] = to_sensor
     rigid[:, :3, 9:] = to_sensor @ shifts_by_turn(places)
 
@@ -120,13 +120,13 @@ def smooth_errors(
 
 
 def shifting(arms: ndarray) -> ndarray:
-    """Motions (P, 6, 6) of the ends of arms (P, 3) by those of where they begin."""
-    motions = np.zeros((len(arms), 6, 6))
-    motions[:, range(6), range(6)] = 1.0
-    motions[:, :3, 3:] = shifts_by_turn(arms)
+    """Motions (..., 6, 6) of the ends of arms (..., 3) by those of where they begin."""
+    motions = np.zeros((*arms.shape[:-1], 6, 6))
+    motions[..., range(6), range(6)] = 1.0
+    motions[..., :3, 3:] = shifts_by_turn(arms)
     return motions
 
 
 def shifts_by_turn(arms: ndarray) -> ndarray:
-    """By how much a turn w shifts the ends of arms (P, 3), w × arm: (P, 3, 3)."""
+    """By how much a turn w shifts the ends of arms (..., 3), w × arm: (..., 3, 3)."""
     return np.tensordot(arms, BY_AXES, 1)

@@ -50,7 +50,7 @@ class Solution:
         """
         # from the flange to the sensor, in the sensor's frame
         arm = self.rotation.T @ self.translation
-        lever = shifting(arm[None] * (not self.problem.observations[0].eye_to_hand))[0]
+        lever = shifting(arm * (not self.problem.observations[0].eye_to_hand))
         sizes = self.error_sizes
         if sizes.sizes[-1].name != SMOOTH:
             return self.covariance

@@ -17,6 +17,7 @@ CLEAR = 5.0  # mm from a border at which a run ends by itself
 BLUNT = 0.5
 ZONE = 12  # points at a step among which the scanner may see both of its sides
 ANYWHERE = np.array([[0.0, 0.0, 1.0]])  # a border that is near all points
+FEW = 10  # profiles: in fewer a border need not show
 ON_FACE = 3.5  # standard deviations from a run's line
 
 
@@ -64,14 +65,14 @@ def borders_of(shown: list[ndarray]) -> ndarray:
     profile end, (k, 2).
 
     Most ends near a border are on it; those that a plan lines up spread by millimetres.
-    In fewer than ten profiles a border need not show; any side of the hull may be one.
+    Of fewer than `FEW` profiles any side of the hull may be one.
     """
     ends = np.concatenate(shown)
     try:
         sides = ConvexHull(ends).equations
     except (QhullError, ValueError):  # all on one line
         return ANYWHERE
-    if len(shown) < 10:
+    if len(shown) < FEW:
         return sides
     off = ends @ sides[:, :2].T + sides[:, 2]
     on, near = ((off > -mm).sum(axis=0) for mm in (BLUNT, CLEAR))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
+from raw_profiles import disks
 from scipy.stats import chi2
 from simulated import (
     EXACT_SCANNER,
@@ -17,7 +18,7 @@ from simulated import (
 )
 
 import profilecal as pc
-from profilecal.calibration.observe import observe
+from profilecal.calibration.observe import observe, observe_all
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "point", "ball"])
@@ -61,6 +62,20 @@ def test_features_of_different_precision_are_weighed():
     assert together.poses_used[0] == "edge: g1p1"
     kinds = [target["kind"] for target in together.to_json()["target"]]
     assert kinds == ["edge", "ball"]
+
+
+def test_where_the_view_ends_few_profiles_know_by_another_scan():
+    """Of disks before nothing, the tips of eight chords outline all that is seen."""
+    profiles, tips = disks(default_rng(2), 28, None)
+    poses = np.tile(np.eye(4), (28, 1, 1))
+    poses[:, 0, 3] = range(28)
+    many, few = (
+        pc.Scan.of("disk", poses[part], profiles=profiles[part], radius=25)
+        for part in (slice(20), slice(20, None))
+    )
+    assert len(observe(few).poses) < 3
+    (_, seen), _, _ = observe_all([many, few])
+    assert np.abs(seen.points - tips[20:]).max() < 0.25  # mm, what is resolved
 
 
 def test_scans_that_do_not_belong_together_are_refused():
