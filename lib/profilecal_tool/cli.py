@@ -568,8 +568,8 @@ def reproduce(names, parameters, output):
 def sweep(notebook, grid, given, output, plot, hue, **options):
     """Execute NOTEBOOK over a grid of parameters.
 
-    A file, or the name of one of ours. Started again it goes on where it was, and
-    repeats no finished run.
+    NOTEBOOK is a file, or the name of one of ours. Started again, the sweep goes on
+    where it was, and repeats no finished run.
     """
     from profilecal_pages import notebooks
     from profilecal_tool import sweep

@@ -51,9 +51,9 @@ def answer_lines(found: Calibration, to_paste: str = "") -> list[str]:
     if found.is_known:
         sd = points_known(found)
         lines.append(
-            "points         one in the middle of what was seen is known to "
-            f"{brief(sd[1, 1])} mm, the robot's smooth errors included; at the worst "
-            f"corner to {brief(sd.max())}"
+            f"points         known to {brief(sd[1, 1])} mm in the middle of what was "
+            f"seen, {brief(sd.max())} at the worst corner (one sd, three axes "
+            "together, smooth errors included)"
         )
     return lines
 
@@ -87,7 +87,7 @@ def smooth_errors(noise: Noise) -> str:
     if not noise.accuracy_mm:
         return ""
     sizes = f"{brief(noise.accuracy_mm)} mm and {brief(noise.accuracy_deg)}°"
-    return f", with the robot's smooth errors, estimated at {sizes}"
+    return f", with the robot's smooth errors, taken as {sizes}"
 
 
 def note_lines(found: Calibration) -> list[str]:
@@ -142,7 +142,8 @@ def robot_errors(noise: Noise) -> str:
     ]
     if noise.jitter_ms > FINEST_MM:
         errors.append(f"of the times {noise.jitter_ms:.2g} ms")
-    return ", ".join(errors) or "none that the residuals show"
+    others = "no others" if noise.accuracy_mm else "none"
+    return ", ".join(errors) or f"{others} that residuals show"
 
 
 def verification_text(checked: Verification, found: Answer) -> str:

@@ -47,7 +47,9 @@ def test_robot_errors_are_told_apart_by_where_they_arise(said):
     found = {"position_mm": 0.123, "group_position_mm": 0.04}
     found |= {"group_orientation_deg": 0.02} | ERRORS[said]
     assert robot_errors(Noise(0.1, **found)) == said
-    assert robot_errors(Noise(0.1)) == "none that the residuals show"
+    assert robot_errors(Noise(0.1)) == "none that residuals show"
+    smooth = Noise(0.1, accuracy_mm=0.3)
+    assert robot_errors(smooth) == "no others that residuals show"
 
 
 @pytest.mark.parametrize(

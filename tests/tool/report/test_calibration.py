@@ -65,7 +65,8 @@ def test_several_scans_and_rejected_poses_are_named():
     values[10] = values[10] + 5
     values[20] = values[20][:0]
     text = report_on(replace(edge, values=tuple(values)), simulate_scan(BALL))
-    first, below = re.findall(r"middle of what was seen is known to (\S+) mm", text)
+    first = re.search(r"middle of what was seen is known to (\S+) mm", text)[1]
+    below = re.search(r"points +known to (\S+) mm in the middle", text)[1]
     assert first == below
     rejected = f"Pose A <bar> & more: {edge.labels[10]}: "
     assert re.search(rf"{rejected}\d+\.\d times the noise; chance explains \d", text)
