@@ -120,8 +120,15 @@ def is_hopeless(problem: Problem, fit: Fit, scale: float) -> bool:
 
 
 def typical_mm(problem: Problem, fits: Fit) -> float:
-    """How large the residuals of most poses are in the first of some fits."""
-    return problem.typical(fits)[0] * problem.noise.profile_mm
+    """How large the residuals of most poses are in the first of some fits; in mm, as
+    the noise of points need not be the same in all directions.
+    """
+    medians = []
+    for term, placement in zip(problem.terms, fits.state[[0]].placements, strict=True):
+        (columns,) = term.linearise(fits.state[[0]], placement)
+        squares = np.nanmean(columns[term.residual] ** 2, axis=0)
+        medians.append(np.nanmedian(squares))
+    return float(np.sqrt(np.mean(medians)))
 
 
 def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
