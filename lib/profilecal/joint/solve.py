@@ -126,8 +126,9 @@ def typical_mm(problem: Problem, fits: Fit) -> float:
     medians = []
     for term, placement in zip(problem.terms, fits.state[[0]].placements, strict=True):
         (columns,) = term.linearise(fits.state[[0]], placement)
-        squares = np.nanmean(columns[term.residual] ** 2, axis=0)
-        medians.append(np.nanmedian(squares))
+        k = np.maximum(term.counts[0], 1)
+        squares = np.nansum(columns[term.residual] ** 2, axis=0)
+        medians.append(np.median(squares / chi2_limit(0.5, k)))
     return float(np.sqrt(np.mean(medians)))
 
 

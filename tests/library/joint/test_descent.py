@@ -18,7 +18,7 @@ from profilecal.geometry.noise import Noise, normalised_square
 from profilecal.geometry.poses import angle_between, pose_error
 from profilecal.joint.descent import refine, thin
 from profilecal.joint.problem import Problem
-from profilecal.joint.solve import contradicting
+from profilecal.joint.solve import contradicting, typical_mm
 from profilecal.simulation.scene import random_scene
 from profilecal.targets.disk import Disk
 from profilecal_papers.edge_study import EdgePlan, edge_scenes, observations_of
@@ -169,4 +169,14 @@ def test_the_typical_residual_is_as_large_as_the_noise_whatever_it_was_taken_for
     problem = Problem([seen], Noise(1.0))
     fit = problem.moments(scene.truth)
     assert_allclose(problem.typical(fit), SIGMA, rtol=0.1)
+    assert_allclose(typical_mm(problem, fit), SIGMA, rtol=0.1)
     assert np.flatnonzero(contradicting(problem, fit, 0.0)).tolist() == [7]
+
+
+def test_the_typical_residual_in_mm_is_the_same_where_z_counts_for_more():
+    scene = random_scene("disk", default_rng(3), groups=20, positions=20)
+    seen = scene.noisy(SIGMA, default_rng(4))
+    uneven = np.broadcast_to(np.diag([1, 1e-4, 1, 1e-4]), (1, 400, 4, 4))
+    problem = Problem([replace(seen, covariance=uneven)], Noise(1.0))
+    fit = problem.moments(scene.truth)
+    assert_allclose(typical_mm(problem, fit), SIGMA, rtol=0.1)
