@@ -73,7 +73,7 @@ def clouds_of(calibration: Calibration, T: ndarray) -> list[Cloud]:
 def plot_cloud(cloud: Cloud, title: str) -> plt.Figure:
     """Draw a cloud."""
     rms = np.sqrt(np.mean(cloud.residuals**2))
-    where = f"put together from all poses:\n{rms:.2g} mm rms distance from the target"
+    where = f"put together from all poses: the\nfeatures lie {rms:.2g} mm rms from the target"
     figure, axes = in_space(f"{title}, {where}")
     few = slice(None, None, 1 + len(cloud.points) // DRAWN)
     points, of_points = cloud.points[few], colours(cloud.pose)[few]

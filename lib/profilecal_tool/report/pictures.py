@@ -299,7 +299,7 @@ def plot_points(found: Calibration) -> plt.Figure:
     title = "A point is known to … mm"
     figure, (axes,) = panels(1, 1, 4.0, title)
     lines = axes.contour(x, z, sd, 4, colors=BLUE, linewidths=1)
-    axes.clabel(lines, fmt="%.3g", fontsize=8)
+    axes.clabel(lines, fmt="%.4g", fontsize=8)
     some = seen[:, :: 1 + seen.shape[1] // 2000]
     axes.plot(*some, ".", ms=1.5, color="0.6", label="seen")
     axes.set(xlabel="x [mm]", ylabel="z [mm]", ylim=(z[-1], z[0]))
