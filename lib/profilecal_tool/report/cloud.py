@@ -73,8 +73,8 @@ def clouds_of(calibration: Calibration, T: ndarray) -> list[Cloud]:
 def plot_cloud(cloud: Cloud, title: str) -> plt.Figure:
     """Draw a cloud."""
     rms = np.sqrt(np.mean(cloud.residuals**2))
-    where = f"put together from all poses: the\nfeatures lie {rms:.2g} mm rms from the target"
-    figure, axes = in_space(f"{title}, {where}")
+    where = f"features lie {rms:.2g} mm rms from the target"
+    figure, axes = in_space(f"{title}, put together from all poses: the\n{where}")
     few = slice(None, None, 1 + len(cloud.points) // DRAWN)
     points, of_points = cloud.points[few], colours(cloud.pose)[few]
     axes.scatter(*points.T, c=of_points, s=1, depthshade=False)
