@@ -5,6 +5,8 @@ from sensing data.
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from profilecal.simulation.scene import random_scene
+
 
 def sensor(rng):
     """A sensor pose on the flange: any orientation, up to 400 mm away."""
@@ -47,14 +49,7 @@ def ball_data(rng, translating=4, turning=4):
 
 def point_data(rng, poses=10):
     """(R_sensor, T_sensor), (R_tcp, T_tcp, q): a point in the scan plane."""
-    R_sensor, T_sensor = sensor(rng)
-    around = 2 * np.pi * np.arange(poses) / poses
-    axes = np.column_stack([np.cos(around), np.sin(around), np.cos(3 * around)])
-    turns = Rotation.from_rotvec(0.5 * axes)
-    R_tcp = (Rotation.random(rng=rng) * turns).as_matrix()
-    angle = 2 * around + 1
-    q = 40 * np.column_stack([np.cos(angle), 0 * angle, np.sin(angle)])
-    q += rng.uniform(-15, 15, (poses, 3)) * [1, 0, 1]
-    point = rng.uniform(-500, 500, 3)
-    T_tcp = point - np.einsum("nab,nb->na", R_tcp, q @ R_sensor.T + T_sensor)
-    return (R_sensor, T_sensor), (R_tcp, T_tcp, q)
+    scene = random_scene("point", rng, groups=poses, positions=1)
+    seen = scene.observations
+    q = np.insert(seen.points[0, :, 0], 1, 0, axis=1)
+    return (scene.R_sensor, scene.T_sensor), (seen.R_flange[0], seen.T_flange[0], q)

@@ -99,18 +99,6 @@ def test_where_nothing_was_found_the_answer_raises_what_to_add():
             getattr(found, name)
 
 
-def test_python_and_json_say_the_same_numbers_in_the_same_units():
-    scan, _ = pc.simulate("ball", seed=1)
-    found = pc.calibrate(scan)
-    said = found.to_json()
-    assert said["T_flange_sensor"] == found.pose.tolist()
-    assert said["covariance"] == found.covariance_mm_deg.tolist()
-    assert said["covariance_total"] == found.covariance_total_mm_deg.tolist()
-    assert said["translation_sd_mm"] == found.translation_sd_mm.tolist()
-    assert said["rotation_sd_deg"] == found.rotation_sd_deg.tolist()
-    assert said["noise_mm"] == found.noise_mm
-
-
 @pytest.mark.parametrize("spread_deg", [0.0, 30.0])
 def test_what_is_shown_at_the_prompt_fits_a_screen(spread_deg):
     scan, _ = pc.simulate("disk", seed=1, spread_deg=spread_deg, groups=3)

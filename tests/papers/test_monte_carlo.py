@@ -3,26 +3,18 @@ quick rotation is the right one.
 """
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 
 from profilecal.geometry.poses import directions, nearest_rotation, rotations
 from profilecal_papers import monte_carlo
-from profilecal_papers.ball_study import ball_study, fig17_scans
 from profilecal_papers.disk_study import disk_study, fig15_scans
 
 
-@pytest.mark.parametrize(
-    ("study", "setting"),
-    [
-        (disk_study, (fig15_scans((-0.9, 0.3)), [0.1, 0.9], [10, 30])),
-        (lambda *of, **how: ball_study(*of, **how)["m arcs"], (fig17_scans(), 0.2, 2)),
-    ],
-)
-def test_the_number_of_workers_changes_nothing(study, setting):
+def test_the_number_of_workers_changes_nothing():
+    setting = fig15_scans((-0.9, 0.3)), [0.1, 0.9], [10, 30], 1200
     alone, *others = (
-        study(*setting, 1200, default_rng(7), workers=workers).errors
+        disk_study(*setting, default_rng(7), workers=workers).errors
         for workers in (1, 2, 5)
     )
     for found in others:

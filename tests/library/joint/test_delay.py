@@ -9,11 +9,11 @@ from itertools import cycle, product
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from simulated import error_of, scan_of
+from simulated import error_of
 
 import profilecal as pc
 from profilecal.calibration.observe import observe_all
-from profilecal.geometry.noise import Noise, Systematic, normalised_square
+from profilecal.geometry.noise import Noise, normalised_square
 from profilecal.joint.problem import Problem
 from profilecal.simulation.spec import truth_of
 from profilecal.targets.observations import State
@@ -137,14 +137,6 @@ def test_a_delay_that_is_given_is_taken():
     assert abs(printed["delay_ms"] - 30) < 1e-3
     error = error_of(found, truth.pose)
     assert normalised_square(found.solution.covariance, error) < 25
-
-
-def test_what_is_at_rest_knows_no_clock():
-    scan = scan_of("edge", seed=1, groups=4, positions=3)
-    problem = Problem(observe_all([scan])[1], Noise(0.05), Systematic())
-    assert problem.clock is None
-    assert "jitter_ms" not in problem.groups.distinguishable
-    assert "delay_ms" not in pc.calibrate(scan).to_json()
 
 
 FIELD = {

@@ -85,22 +85,13 @@ def test_points_of_a_batch_are_moved_onto_the_targets_of_their_own_problems():
 
 
 def of_unlike_precision(scene, rng):
-    """Noisy observations of which each point has a covariance of its own, between 1/10
-    and 3 noise levels large.
+    """Noisy observations of which each point on a curve has a precision of its own,
+    between 1/10 and 3 noise levels.
     """
     clean = scene.observations
-    shape = clean.points.shape
-    *batch, m, _ = shape
-    if clean.on_curve:
-        covariance = rng.uniform(0.1, 3, (*batch, m)) ** 2
-        noise = np.sqrt(covariance)[..., None] * rng.normal(size=shape)
-    else:
-        sizes = rng.uniform(0.1, 3, (*batch, 2 * m, 1))
-        axes = np.linalg.qr(rng.normal(size=(*batch, 2 * m, 2 * m)))[0]
-        root = sizes * axes
-        covariance = np.swapaxes(root, -1, -2) @ root
-        noise = (rng.normal(size=(*batch, 1, 2 * m)) @ root).reshape(shape)
-    return replace(clean, points=clean.points + SIGMA * noise, covariance=covariance)
+    sizes = rng.uniform(0.1, 3, clean.points.shape[:-1])
+    noise = SIGMA * sizes[..., None] * rng.normal(size=clean.points.shape)
+    return replace(clean, points=clean.points + noise, covariance=sizes**2)
 
 
 def assert_mean_square(squares):
@@ -108,7 +99,7 @@ def assert_mean_square(squares):
     assert abs(np.mean(squares) - 6) < 3 * np.sqrt(12 / len(squares))
 
 
-@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
+@pytest.mark.parametrize("kind", ["ball", "plane"])
 def test_stated_uncertainty_is_honest_where_points_differ_in_precision(kind):
     trials = 300
     scene = many(kind, trials, 12)

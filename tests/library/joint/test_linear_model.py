@@ -10,7 +10,6 @@ import pytest
 from many_scenes import KINDS, SIGMA
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
 from profilecal.calibration.evidence import evidence
@@ -229,35 +228,6 @@ def test_a_profile_left_out_is_predicted_as_by_the_model_without_it(profile):
     error = r_own + A_own @ mean - shared @ (r + A @ mean)
     S = C_own - shared @ common.T + slope @ covariance @ slope.T
     assert left_out_square(dense.model, profile) == pytest.approx(squared(error, S))
-
-
-def test_what_each_profile_says_by_itself():
-    dense = Dense(rank=2)
-    expected = []
-    for profile in PROFILES:
-        r, A, C = dense.of(profile)
-        Y = np.c_[A, r]
-        expected.append(Y.T @ np.linalg.solve(C, Y))
-    assert_allclose(dense.model.alone(V), expected, rtol=1e-8)
-
-
-def test_a_score_is_one_step_of_a_model_with_one_more_unknown():
-    dense, n = Dense(), 2
-    r, A, C = dense.of(PROFILES)
-    Y, W = np.c_[A, r], np.linalg.inv(C)
-    known = dense.precision[:n, :n]
-    says = evidence(Y.T @ W @ Y, known, slice(n, None))
-    (sizes, sds), moves = says.each(), says.moves
-    alone, _, _, _ = textbook(r, A[:, :n], C, known)
-    precision = block_diag(known, 0)
-    for k in range(N - n):
-        with_one = A[:, [*range(n), n + k]]
-        mean, covariance, _, _ = textbook(r, with_one, C, precision)
-        assert sizes[k] == pytest.approx(mean[n])
-        assert sds[k] == pytest.approx(np.sqrt(covariance[n, n]))
-        assert_allclose(alone + moves[:, k] * sizes[k], mean[:n], rtol=1e-8)
-        known = np.linalg.inv(with_one.T @ W @ with_one + precision)
-        assert_allclose(known[:n, :n], covariance[:n, :n], rtol=1e-8)
 
 
 def erring(seen, error, h: float):

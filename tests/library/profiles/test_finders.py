@@ -7,12 +7,8 @@ from functools import partial
 import numpy as np
 import pytest
 from finding import (
-    assert_means_are_as_exact_as_stated,
     features_of,
     normalised,
-    off_circle,
-    off_ellipse,
-    off_face,
     shapes_found,
     share_found,
 )
@@ -21,7 +17,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from raw_profiles import RADIUS, balls, disks, edges, planes, rods, spoil, tables
 
 KINDS = ["edge", "disk", "ball", "plane", "rod"]
-BLANK = np.full((980, 2), np.nan)
 EVERYWHERE = np.full((250, 1, 2), np.inf)  # a target that no spoiling leaves alone
 
 
@@ -53,41 +48,31 @@ def test_points_are_found_and_as_exact_as_stated(name):
     assert ratio > 1 - 4 / np.sqrt(count)
 
 
-def rod(radius, background):
-    make = partial(rods, radius=radius, background=background)
-    return "rod", make, partial(off_ellipse, radius=radius), radius
-
-
 CURVES = {
-    "ball": ("ball", balls, off_circle, RADIUS),
-    "plane": ("plane", planes, off_face, RADIUS),
-    "thin rod": rod(5.0, 30.0),
-    "floating thin rod": rod(5.0, None),
-    "floating rod": rod(25.0, None),
-    "thick rod": rod(60.0, 30.0),
+    "ball": ("ball", balls),
+    "plane": ("plane", planes),
+    "thin rod": ("rod", partial(rods, radius=5.0)),
+    "floating thin rod": ("rod", partial(rods, radius=5.0, background=None)),
+    "floating rod": ("rod", partial(rods, background=None)),
+    "thick rod": ("rod", partial(rods, radius=60.0)),
 }
 
 
 @pytest.mark.parametrize("name", CURVES)
-def test_curves_are_found_and_as_exact_as_stated(name):
-    kind, make, distance, radius = CURVES[name]
+def test_curves_are_found(name):
+    """How well: `targets/test_contract.py`."""
+    kind, make = CURVES[name]
     rng = default_rng(3)
     profiles, truth = make(rng, 120)
     places = truth[:, 1:] if kind == "plane" else truth[:, None, :2]
-    features = features_of(kind, spoil(profiles, places, rng), radius)
-    assert_means_are_as_exact_as_stated(features, truth, distance)
+    radius = getattr(make, "keywords", {}).get("radius", RADIUS)
+    assert share_found(features_of(kind, spoil(profiles, places, rng), radius)) >= 0.99
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "rod"])
 @pytest.mark.parametrize("shown", [tables, noise])
 def test_a_table_or_noise_alone_shows_nothing(kind, shown):
-    features = features_of(kind, shown(default_rng(4)))
-    assert share_found(features) < 0.005
-    for feature in features:
-        if not feature.found:
-            assert feature.reason
-            assert not len(feature.used)
-            assert feature.points.shape == (0, 2)
+    assert share_found(features_of(kind, shown(default_rng(4)))) < 0.005
 
 
 def tables_only(rng):
@@ -173,24 +158,6 @@ def test_it_does_not_matter_how_a_file_is_written(kind, way):
         assert_array_equal(np.sort(rows[second.used], axis=0), used)
 
 
-NOTHING = {
-    "no rows": np.zeros((0, 2)),
-    "NaN": BLANK,
-    "zeros": np.zeros((980, 2)),
-    "one point": np.ones((1, 2)),
-    "one place": np.ones((980, 2)),
-}
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("profile", NOTHING)
-def test_profiles_with_nothing_in_them_have_a_reason(kind, profile):
-    (feature,) = features_of(kind, [NOTHING[profile]])
-    assert not feature.found
-    assert feature.reason
-    assert feature.used.shape == (0,)
-
-
 def replaced(profile, i, j, rows):
     """A profile with other rows in place of those from i to j."""
     return np.concatenate([profile[:i], rows, profile[j:]])
@@ -211,6 +178,15 @@ CORRUPTIONS = (
 )
 
 
+NOTHING = [
+    np.zeros((0, 2)),
+    np.full((980, 2), np.nan),
+    np.zeros((980, 2)),
+    np.ones((1, 2)),
+    np.ones((980, 2)),
+]
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_whatever_is_in_a_profile_gives_a_feature_or_a_reason(kind):
     """Warnings are errors here: no division by zero either."""
@@ -218,11 +194,17 @@ def test_whatever_is_in_a_profile_gives_a_feature_or_a_reason(kind):
     shown = [make(rng, 10)[0] for make in (disks, balls, planes, rods)]
     shown.append(bars(rng, groups=1)[0])
     profiles = np.concatenate(shown)
+    tried = [*NOTHING]
     for profile in profiles[rng.integers(len(profiles), size=200)]:
         for corrupt in rng.choice(CORRUPTIONS, size=rng.integers(1, 4)):
             i, j = np.sort(rng.integers(0, len(profile) + 1, 2))
             profile = corrupt(profile, i, j, rng)
-        (feature,) = features_of(kind, [profile])
+        tried.append(profile)
+    features = [features_of(kind, [profile])[0] for profile in tried]
+    assert not any(feature.found for feature in features[: len(NOTHING)])
+    for feature in features:
         assert feature.found != bool(feature.reason)
+        if not feature.found:
+            assert len(feature.points) == len(feature.used) == 0
         assert np.isfinite(feature.points).all()
         assert (np.linalg.eigvalsh(feature.covariance) >= 0).all()

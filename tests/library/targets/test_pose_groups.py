@@ -23,18 +23,6 @@ def observations(kind="edge"):
     return many(kind, 1, 5, groups=3, positions=4).observations
 
 
-def test_every_pose_of_a_plan_is_its_own_and_groups_share_an_orientation():
-    groups = pose_groups([observations()])
-    assert groups.pose.tolist() == POSES.tolist()
-    assert groups.orientation.tolist() == np.repeat([0, 1, 2], 4).tolist()
-    assert groups.distinguishable == [
-        "position_mm",
-        "orientation_deg",
-        "group_position_mm",
-        "group_orientation_deg",
-    ]
-
-
 def test_repeats_are_recognised_as_far_as_a_controller_comes_back():
     repeated = observations().keep(TWICE)
 

@@ -111,13 +111,6 @@ def test_a_plan_is_a_scan_folder_once_measurements_are_in_it(tmp_path):
     run("plan", spec_in(tmp_path, ("poses = 8", "poses = 15"), PROFILES), plan)
     run("simulate", plan / "simulate.toml", scan)
     assert run("calibrate", plan).exit_code == 2
-    files = tmp_path / "files"
-    files.mkdir()
-    for label, one in pd.read_csv(scan / "profiles.csv", dtype=str).groupby("pose"):
-        one[["x", "z"]].to_csv(files / f"p{label}.csv", index=False)
-    poses = ("--target", "edge", "--poses", plan / "poses.csv")
-    assert run("import", files, tmp_path / "imported", *poses).exit_code == 0
-    assert run("calibrate", tmp_path / "imported").exit_code == 0
     for table in scan.glob("*.csv"):
         shutil.copy(table, plan)
     assert run("calibrate", plan).exit_code == 0
