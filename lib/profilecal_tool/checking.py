@@ -29,8 +29,10 @@ def check(scan: Scan) -> list[str]:
     lines = lines_on_poses(scan, len(seen.poses))
     noise = "unknown before the calibration"
     if seen.typical_mm:
-        scatter = f"{seen.typical_mm:.2g} mm of a feature's coordinates"
-        noise = f"{scatter}, by the scatter in profiles"
+        noise = (
+            f"{seen.typical_mm:.2g} mm of a feature's coordinates, "
+            "by the scatter in profiles"
+        )
     lines.append(f"noise          {noise}")
     if scan.log:
         lines += lines_on_motion(scan, observed)

@@ -25,7 +25,7 @@ CONTROLLERS = "abb", "kuka", "ur", "fanuc", "staubli", "kawasaki", "ros", "matri
 
 
 def ending_in(*endings):
-    """What refuses files with another ending than what is written into them has."""
+    """What refuses places where no file of such an ending can be written."""
 
     def checked(ctx, param, path):
         if path and path.suffix.lower() not in endings:
@@ -33,6 +33,8 @@ def ending_in(*endings):
                 f"{param.opts[0]} is {path}; expected a name that ends in "
                 f"{' or '.join(endings)}"
             )
+        if path and (path.is_dir() or not os.access(f"{path.parent}/", os.W_OK)):
+            raise ValueError(f"{path}: no file can be written there")
         return path
 
     return checked
@@ -164,7 +166,8 @@ def calibrate(folders, as_json, vendor, guess, guess_sd, self_test, report, clou
 
     with working("calibrating"):
         scans = [pc.read_scan(folder) for folder in folders]
-        found = pc.calibrate(scans, guess and mount_pose(guess), guess_sd)
+        mount = guess and mount_pose(guess, Path("--guess"))
+        found = pc.calibrate(scans, mount, guess_sd)
     with interruptible("Above is what was found until then."):
         try:
             found = with_notes(found, folders[0], self_test)
@@ -189,7 +192,7 @@ def check_outputs(as_json, vendor, report) -> None:
     if report:
         from profilecal_tool.report.page import check_report
 
-        check_report(report)
+        check_report()
 
 
 def with_notes(found, folder, count):
@@ -477,7 +480,7 @@ def import_(files, folder, **given):
     if not files.is_dir():
         raise ValueError(f"{files}: no such folder")
     given = {name: value for name, value in given.items() if value is not None}
-    layout = said = read_answers(folder) | given
+    said = read_answers(folder) | given
     kind = said.get("target")
     if kind not in TARGETS:
         asked = f"--target is {kind or 'missing'}: what was scanned? one of"

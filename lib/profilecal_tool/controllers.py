@@ -68,5 +68,4 @@ def for_controller(vendor: str, pose: ArrayLike, frame: str = "flange") -> str:
 
 def writing_like(convention_name: str) -> str:
     """The first controller whose orientations are in a convention."""
-    fitting = [v for v, (name, _) in CONTROLLERS.items() if name == convention_name]
-    return fitting[0]
+    return next(v for v, (name, _) in CONTROLLERS.items() if name == convention_name)

@@ -18,7 +18,6 @@ from tqdm import tqdm
 from profilecal.scan.tables import written_whole
 from profilecal.scan.toml import read_toml
 from profilecal_pages import notebooks
-from profilecal_pages.notebooks import recorded
 
 
 def read_grid(path: Path | None, texts: Sequence[str] = ()) -> dict:
@@ -28,15 +27,15 @@ def read_grid(path: Path | None, texts: Sequence[str] = ()) -> dict:
     it is something else.
     """
     grid = read_toml(path) if path else {}
-    names = [text.partition("=")[0] for text in texts]
+    given = {}
     for text in texts:
         name, equals, values = text.partition("=")
-        if not equals or names.count(name) > 1:
+        if not equals or name in given:
             raise ValueError(
                 f"-p {text}; expected name=value,value,…, and each name once"
             )
-        grid[name] = [notebooks.parse_value(value) for value in values.split(",")]
-    return grid
+        given[name] = [notebooks.parse_value(value) for value in values.split(",")]
+    return grid | given
 
 
 def plan(notebook: Path, grid: dict, repeat: int | None = None) -> dict[str, dict]:
@@ -162,13 +161,14 @@ def _gather(
     failed = {}
     for name, parameters in runs.items():
         path = folder / f"{name}.ipynb"
-        about, records, status = _about(path), [{}], "failed"
+        about, records = _about(path), [{}]
         if about["error"]:
             failed[name] = about["error"]
         else:
-            records, status = recorded(json.loads(path.read_text("utf-8"))), "done"
-        end = {"status": status, "duration_s": about["duration_s"], **versions}
-        end["run"] = name
+            records = notebooks.recorded(json.loads(path.read_text("utf-8")))
+        status = "failed" if about["error"] else "done"
+        seconds = about["duration_s"]
+        end = {"status": status, "duration_s": seconds, **versions, "run": name}
         # a parameter is what it was set to, whatever is recorded
         rows += [parameters | record | parameters | end for record in records]
     columns = dict.fromkeys(itertools.chain(*rows))

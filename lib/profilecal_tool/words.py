@@ -30,8 +30,8 @@ def calibration_text(found: Calibration, to_paste: str = "") -> str:
 
     `to_paste`: the pose as a controller takes it.
     """
-    notes = note_lines(found)
-    return "\n".join([*answer_lines(found, to_paste), *notes, *error_lines(found)])
+    lines = answer_lines(found, to_paste) + note_lines(found) + error_lines(found)
+    return "\n".join(lines)
 
 
 def answer_lines(found: Calibration, to_paste: str = "") -> list[str]:
@@ -120,7 +120,7 @@ def delay_words(delay_ms: float, sd_ms: float) -> str:
     return f"{known} (the scanner's clock is {which})"
 
 
-def deviations(covariance: np.ndarray, delta: np.ndarray | None = None) -> str:
+def deviations(covariance: ndarray, delta: ndarray | None = None) -> str:
     """δ (6,), mm and rad, in words, or its standard deviations.
 
     "open" where these say that nothing is known.

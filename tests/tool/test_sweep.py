@@ -103,7 +103,7 @@ def test_a_grid_is_read_from_a_file_and_the_command_line(tmp_path):
     for grid, texts, sentence in (
         (path, [], r"grid.toml: .*line 1"),
         (None, ["x"], "-p x; expected name=value"),
-        (None, ["x=1", "x=2"], "-p x=1; expected name=value"),
+        (None, ["x=1", "x=2"], "-p x=2; expected name=value"),
     ):
         with pytest.raises(ValueError, match=sentence):
             sweep.read_grid(grid, texts)

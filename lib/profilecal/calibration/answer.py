@@ -13,7 +13,7 @@ from numpy import ndarray
 from profilecal.geometry.checks import check_array, check_rigid
 from profilecal.scan.scan import MOUNTS, Scan
 from profilecal.scan.tables import ScanError, naming
-from profilecal.scan.toml import check_entries, one_of
+from profilecal.scan.toml import check_entries, number, one_of
 
 DEGREES = np.repeat([1.0, 180 / np.pi], 3)  # of δ = (shift, turn) from mm and rad
 MOST_PRINTS = 1000  # of a scan, in a file
@@ -24,7 +24,7 @@ EXPECTED = (
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)  # it is some thousand numbers
 class Joint:
     """All that a calibration found, by which other poses are predicted."""
 
@@ -68,12 +68,14 @@ class Answer:
     fingerprints: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        said = {"mount": self.mount, "status": self.status}
-        rules = {"mount": one_of(MOUNTS), "status": one_of(("ok", "weak"))}
-        check_entries("Answer", said, rules)
+        rules = {
+            "mount": one_of(MOUNTS),
+            "status": one_of(("ok", "weak")),
+            "noise_mm": number(1e-9),
+        }
+        check_entries("Answer", {name: vars(self)[name] for name in rules}, rules)
         with naming("Answer"):
             check_array("the sensor pose", self.pose, (4, 4))
-            check_array("noise_mm", [self.noise_mm], (1,))
             check_rigid("the sensor pose", self.pose[None])
             check_covariance(self.covariance_total_mm_deg)
             if self.covariance_mm_deg is not None:

@@ -133,7 +133,7 @@ class MountCheck:
         suspects = "" if self.as_expected else f", suspects={self.suspects}"
         return (
             f"MountCheck(as_expected={self.as_expected}, chance={self.chance:.2g}, "
-            f"{len(self.labels)} poses{suspects})"
+            f"poses={len(self.labels)}{suspects})"
         )
 
 

@@ -58,13 +58,13 @@ def observe(scan: Scan, least: int = 0, others: Sequence[Scan] = ()) -> Seen:
     else:
         seen = from_table(scan)
     if len(seen.poses) < least:
-        why = f" ({shorten('; '.join(seen.remarks), 500)})"
         title = scan.title or f"the {scan.kind}"
-        kind = f"{'an' if scan.kind == 'edge' else 'a'} {scan.description}"
-        raise ScanError(
-            f"{title}: the target was found from {len(seen.poses)} poses; "
-            f"expected {least} or more{why}; is it {kind}?"
+        counts = f"{len(seen.poses)} of {len(scan.labels)} poses"
+        sentence = (
+            f"{title}: {counts} show the target ({scan.description}); "
+            f"expected {least} or more"
         )
+        raise ScanError(shorten("; ".join([sentence, *seen.remarks]), 600))
     return seen
 
 

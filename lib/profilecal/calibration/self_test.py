@@ -42,7 +42,6 @@ from profilecal.targets.observations import Observations
 
 FEWEST = 10
 LEAST_LINE = 10  # points of a line whose bend is looked at
-WIDTH = 1.96  # standard deviations from the middle to either end of 95 %
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -86,8 +86,8 @@ def with_few_joined(scans: Sequence[Scan]) -> tuple[tuple[Scan, ...], list[str]]
         if LIKE(scan) == LIKE(first) and len(scan.values) < LEAST_POSES:
             first = joined(first, scan, name)
             remarks.append(
-                f"{name}{len(scan.values)} poses do not place a target; this "
-                f"{scan.kind} is taken to stand where the first one does"
+                f"{name}too few poses to place a target; this {scan.kind} is taken "
+                "to stand where the first one does"
             )
         else:
             kept.append(scan)

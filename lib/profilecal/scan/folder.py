@@ -12,14 +12,13 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.checks import REACH_MM
-from profilecal.geometry.poses import rotation_groups
+from profilecal.geometry.poses import homogeneous, rotation_groups
 from profilecal.scan.conventions import (
     CONVENTIONS,
     Convention,
     find_convention,
     from_rotations,
     named,
-    pose_matrices,
     to_rotations,
 )
 from profilecal.scan.motion import DELAY_MS, checked_log, moment_label
@@ -164,7 +163,7 @@ def check_header(path: Path, said: dict[str, Any]) -> tuple[dict[str, Any], floa
     given = said.keys() & {"title", "mount", "noise"}
     entries = {name: said[name] for name in given}
     if "mount" in guess:
-        entries["guess"] = mount_pose(guess["mount"])
+        entries["guess"] = mount_pose(guess["mount"], path)
     return entries | {
         "kind": kind,
         "sizes": tuple(target[name] * scale for name in lengths),
@@ -177,10 +176,14 @@ def check_header(path: Path, said: dict[str, Any]) -> tuple[dict[str, Any], floa
     }, scale
 
 
-def mount_pose(numbers: Sequence[float]) -> ndarray:
-    """The pose (4, 4) of X Y Z mm, W P R degrees."""
+def mount_pose(numbers: Sequence[float], path: Path) -> ndarray:
+    """The pose (4, 4) of X Y Z mm, W P R degrees, of a guess at `path`. Raises
+    ScanError.
+    """
     position, angles = np.reshape(numbers, (2, 1, 3))
-    return pose_matrices(position, angles, "FANUC angles")[0]
+    table = Table(path, {}, ["of the guess"], "W P R")
+    R = to_rotations(named("FANUC angles"), angles, table)
+    return homogeneous(R, position)[0]
 
 
 def read_log(path: Path, scale: float) -> dict[str, Any]:

@@ -101,7 +101,8 @@ def written_whole(path: Path) -> Iterator[Path]:
     or after an error not at all.
     """
     partial = partial_of(path)
-    remove(partial)
+    with naming(path):
+        remove(partial)
     try:
         yield partial
         partial.replace(path)

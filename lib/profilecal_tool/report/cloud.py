@@ -25,8 +25,7 @@ property float z
 property uchar red
 property uchar green
 property uchar blue
-end_header
-"""
+end_header"""
 
 
 @dataclass(frozen=True)
@@ -90,6 +89,6 @@ def write_cloud(calibration: Calibration, T: ndarray, path: Path) -> None:
     rgb = [255 * colours(cloud.pose)[:, :3] for cloud in clouds]
     points = np.concatenate([cloud.points for cloud in clouds])
     rows = np.hstack([points, np.rint(np.concatenate(rgb))])
-    head = PLY.format(len(rows)).rstrip("\n")
+    head = PLY.format(len(rows))
     with written_whole(path) as partial:
         np.savetxt(partial, rows, ["%.4f"] * 3 + ["%d"] * 3, header=head, comments="")

@@ -296,8 +296,7 @@ def plot_points(found: Calibration) -> plt.Figure:
     middle, size = (seen.max(1) + seen.min(1)) / 2, 0.75 * np.ptp(seen, axis=1)
     x, z = np.linspace(middle - size, middle + size, 40).T
     sd = np.linalg.norm(found.point_sd_mm(*np.meshgrid(x, z)), axis=-1)
-    title = "A point is known to … mm"
-    figure, (axes,) = panels(1, 1, 4.0, title)
+    figure, (axes,) = panels(1, 1, 4.0, "A point is known to … mm")
     lines = axes.contour(x, z, sd, 4, colors=BLUE, linewidths=1)
     axes.clabel(lines, fmt="%.4g", fontsize=8)
     some = seen[:, :: 1 + seen.shape[1] // 2000]
@@ -313,7 +312,7 @@ def plot_directions(found: Calibration) -> plt.Figure:
     The scale counts 10 mm and 5° alike, as a measurement by hand is known.
     """
     solution, known = found.solution, found.solution.observability
-    in_frame = f"the {found.frame}'s frame"
+    in_frame = f" in the {found.frame}'s frame"
     title = f"The weakest direction of the sensor's pose is {known.status}"
     figure, (axes,) = panels(1, 1, 4.8, title)
     colours = np.select([known.sd >= 1, known.sd >= WEAK], [RED, ORANGE], GREEN)
@@ -322,10 +321,9 @@ def plot_directions(found: Calibration) -> plt.Figure:
     for y, (sd, direction) in enumerate(zip(known.sd, known.directions, strict=True)):
         size = size_direction(sd, direction) if sd < 1 else "unobservable"
         name = name_direction(direction, solution.rotation, found.frame)
-        name = name.replace(f" in {in_frame}", "")
-        text = fill(f"{name}: {size}", 80)
+        text = fill(f"{name.replace(in_frame, '')}: {size}", 80)
         axes.text(1.1 * low, y - 0.2, text, fontsize=8, va="bottom")
     axes.set(xscale="log", xlim=(low, 10), ylim=(5.5, -0.8), yticks=[])
-    axes.set_xlabel(f"standard deviation, near these poses; axes of {in_frame}")
+    axes.set_xlabel(f"standard deviation, near these poses; axes{in_frame}")
     axes.xaxis.set_major_formatter(lambda sd, _: f"{10 * sd:g} mm\n{5 * sd:g}°")
     return figure

@@ -94,7 +94,10 @@ def test_scans_that_do_not_belong_together_are_refused():
 def test_a_scan_that_shows_nothing_is_refused():
     scan = scan_of("edge", seed=1)
     blind = replace(scan, values=tuple(rows[:0] for rows in scan.values))
-    sentence = r"from 0 poses; expected 3 or more \(250 poses left out, no point: g1p1"
+    sentence = (
+        r"0 of 250 poses show the target \(edge\); expected 3 or more; "
+        "250 poses left out, no point: g1p1"
+    )
     with pytest.raises(pc.ScanError, match=sentence):
         pc.calibrate(blind)
 

@@ -62,7 +62,8 @@ def test_what_moved_is_told_where_poses_are_enough_and_not_from_one(kind, moved)
     first, again = scans(kind, 2, seed=2)
     found = pc.calibrate(first)
     one, many = [4], range(0, len(again.labels), 3)
-    assert repr(pc.check_mount(found, few(again, many))).endswith("poses)")
+    at_many = repr(pc.check_mount(found, few(again, many)))
+    assert at_many.endswith(f"poses={len(many)})")
     verdicts = {}
     for name, change, by in [
         ("sensor", moved_sensor, [1.0, 1.0]),
@@ -72,7 +73,7 @@ def test_what_moved_is_told_where_poses_are_enough_and_not_from_one(kind, moved)
         alone = pc.check_mount(found, few(changed, one))
         assert not alone.as_expected
         assert alone.suspects == ("sensor", "target")
-        assert repr(alone).endswith("1 poses, suspects=('sensor', 'target'))")
+        assert repr(alone).endswith("poses=1, suspects=('sensor', 'target'))")
         verdicts[name] = pc.check_mount(found, few(changed, many)).suspects
     assert verdicts == {"sensor": ("sensor",), "target": moved}
 

@@ -307,4 +307,6 @@ def test_a_folder_with_something_in_it_is_not_overwritten(tmp_path):
         pc.write_scan(random_scan(8), tmp_path)
     with pytest.raises(pc.ScanError, match="Not a directory"):
         pc.write_scan(random_scan(8), tmp_path / "note.txt")
+    with pytest.raises(pc.ScanError, match="below: Not a directory"):
+        pc.write_scan(random_scan(8), tmp_path / "note.txt" / "below")
     assert [path.name for path in tmp_path.iterdir()] == ["note.txt"]

@@ -92,8 +92,8 @@ def test_a_failing_notebook_gives_its_reason_and_keeps_the_old_report(
 
 REFUSED = {
     "report.pdf": "expected a name that ends in .html or .htm",
-    "folder.html": "is a folder; name a file for the report",
-    "no/report.html": "no report can be written there",
+    "folder.html": "folder.html: no file can be written there",
+    "no/report.html": "no/report.html: no file can be written there",
     "report.html": "profilecal: --report needs papermill, not installed here: "
     'pip install "profilecal[notebooks]"\n',
 }
