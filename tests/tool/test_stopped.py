@@ -17,13 +17,12 @@ from profilecal.scan.tables import partial_of
 
 COMMAND = Path(sys.executable).with_name("profilecal")
 WRITE = """
-import sys
 import numpy as np
 import profilecal as pc
 
 poses = np.tile(np.eye(4), (20, 1, 1))
 poses[:, :3, 3] = np.random.default_rng(0).uniform(300, 500, (20, 3))
-profiles = np.random.default_rng(1).uniform(50, 90, (20, int(sys.argv[1]), 2))
+profiles = np.random.default_rng(1).uniform(50, 90, (20, 10_000, 2))
 print("begins", flush=True)
 pc.write_scan(pc.Scan.of("plane", poses, profiles=profiles), "scan")
 """
@@ -70,15 +69,12 @@ def half_written(folder):
     return lambda _: any(partial.glob("profiles.*"))
 
 
-@pytest.mark.parametrize(
-    ("how", "rows"), [(signal.SIGKILL, "10000"), (signal.SIGINT, "30000")]
-)
-def test_a_large_scan_is_written_whole_or_not_at_all(tmp_path, how, rows):
+def test_a_large_scan_is_written_whole_or_not_at_all(tmp_path):
     folder = tmp_path / "scan"
-    command = [sys.executable, "-c", WRITE, rows]
-    stopped(command, tmp_path, how, half_written(folder))
+    command = [sys.executable, "-c", WRITE]
+    stopped(command, tmp_path, signal.SIGKILL, half_written(folder))
     assert not folder.exists()
-    assert partial_of(folder).exists() == (how == signal.SIGKILL)
+    assert partial_of(folder).exists()
     pc.write_scan(scan_of("plane", measured="profiles"), folder)
     assert len(pc.read_scan(folder).values) > 0
     assert os.listdir(tmp_path) == ["scan"]
