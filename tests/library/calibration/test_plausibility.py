@@ -92,7 +92,7 @@ SCALED_Z = deformed([[1, 0], [0, 1.01]])
 ENLARGED = "the covariance is enlarged to match"
 ALLOWED = "allow for that already, and hold for data that are corrected for it"
 WRONG = [
-    ("edge", SCALED, "the robot's positions were too close together by 1.0 %", ENLARGED),
+    ("edge", SCALED, "positions were too close together by 1.0 %", ENLARGED),
     ("ball", SCALED_X, "the profiles' x were too small by 0.4", ENLARGED),
     ("ball", SCALED_Z, "the profiles' z were too large by 0.9", ALLOWED),
     ("edge", scaled_robot, "positions were too far apart by 0.9", ENLARGED),
