@@ -56,5 +56,6 @@ def test_a_scanner_errs_in_circles_as_in_the_arcs_that_it_saw(error):
         residuals.append(term.linearise(state, placed)[0, term.residual])
     by_error = (residuals[0] - residuals[1]) / 2e-6
     columns = term.linearise(state, placed)
-    found = term.by_error(error, state, placed, columns)[0]
+    by_flange = term.by_flange(columns, state)
+    (found,) = term.by_error(error, state, placed, columns, by_flange)
     assert_allclose(found, by_error, atol=0.01 * np.abs(by_error).max())
