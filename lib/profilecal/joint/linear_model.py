@@ -72,7 +72,7 @@ from profilecal.joint.smooth import SmoothErrors
 from profilecal.targets.observations import PoseGroups
 
 ROUNDING = 1e-13  # of the largest entry of a matrix of products
-AT_ONCE = 45_000  # numbers of the rows of several sets: what a cache holds
+AT_ONCE = 45_000  # numbers of rows, of several sets or of a part: what a cache holds
 
 
 @dataclass(frozen=True)
@@ -119,10 +119,15 @@ class Factors:
         """
         S, bundles, _, axes = self.W_E.shape
         columns = Z.shape[-1]
-        W = (self.root @ Z).reshape(S, bundles, -1, columns)
+        of_profiles = np.empty((*self.root.shape[:-1], columns))
+        W = of_profiles.reshape(S, bundles, -1, columns)
         b = np.zeros((S, self.count, axes, columns))
         c = np.zeros_like(b)
-        add_up(c, self.rows.groups, self.W_E.mT @ W)
+        E_W = np.empty((S, bundles, axes, columns))
+        for part in parts_of(Z):
+            np.matmul(self.root[:, part], Z[part], out=of_profiles[:, part])
+            np.matmul(self.W_E[:, part].mT, W[:, part], out=E_W[:, part])
+        add_up(c, self.rows.groups, E_W)
         for node in self.nodes[:0:-1]:
             beta = node.Ms @ c[:, node.level.groups]
             add_up(c, node.level.parents, beta / node.s)
@@ -136,8 +141,9 @@ class Factors:
             beta = node.Ms @ c[:, groups]
             b[:, groups] = above + node.s * beta
             products += squares(beta)
-        W -= self.W_E @ b[:, self.rows.groups]
-        products += squares(W)
+        for part in parts_of(Z):
+            W[:, part] -= self.W_E[:, part] @ b[:, self.rows.groups[part]]
+            products += squares(W[:, part])
         return products, W, c
 
     @cached_property
@@ -338,7 +344,8 @@ class LinearModel:
     @cached_property
     def rows(self) -> Rows:
         """Of the profiles kept."""
-        groups, profiles = self.nesting.bundles(self.kept)
+        most = max(1, AT_ONCE // (self.q * (self.m + self.n + 1)))
+        groups, profiles = self.nesting.bundles(self.kept, most)
         real = (profiles >= 0)[..., None, None]
         E, Z = self.E[profiles] * real, self.Z[profiles] * real
         parts = [np.broadcast_to(np.eye(self.q), (*profiles.shape, self.q, self.q))]
@@ -513,10 +520,14 @@ class LinearModel:
         W_E = factors.W_E[0].reshape(*root.shape[:-1], -1)
         Q = factors.covariances[factors.rows.groups, None]
         inside = np.eye(self.q) - W_E @ Q @ W_E.mT
-        X = root.mT @ W.reshape(*root.shape[:-1], -1)
-        CA = X[..., :-1]
-        P = root.mT @ inside @ root - CA @ V @ CA.mT
-        return P, CA, X @ np.append(x, 1.0)
+        P = root.mT @ inside @ root
+        W = W.reshape(*root.shape[:-1], -1)
+        X = np.empty_like(W)
+        for part in parts_of(W):
+            np.matmul(root[part].mT, W[part], out=X[part])
+            CA = X[part, ..., :-1]
+            P[part] -= CA @ V @ CA.mT
+        return P, X[..., :-1], X @ np.append(x, 1.0)
 
     def own(self, v: ndarray) -> ndarray:
         """Covariances (profiles, q, q) of the rows of each profile by itself, for
@@ -552,6 +563,12 @@ class LinearModel:
             covariances[profiles] = covariance
             errors[profiles] = (covariance @ w[real][..., None])[..., 0]
         return errors, covariances
+
+
+def parts_of(Z: ndarray) -> list[slice]:
+    """Parts of bundles of rows (b, Q, q, columns) that a cache holds."""
+    step = max(1, AT_ONCE // max(1, Z[:1].size))
+    return [slice(k, k + step) for k in range(0, len(Z), step)]
 
 
 def inverse_root(C: ndarray) -> tuple[ndarray, ndarray]:

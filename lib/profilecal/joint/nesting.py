@@ -33,16 +33,16 @@ class Nesting:
     holder: ndarray  # (profiles,) the finest group that holds each
     count: int  # of groups
 
-    def bundles(self, kept: ndarray) -> tuple[ndarray, ndarray]:
+    def bundles(self, kept: ndarray, most: int) -> tuple[ndarray, ndarray]:
         """The profiles kept (profiles,) in b bundles of at most Q, the mean number that
-        a group holds: the group (b,) of each, in rising order, and its profiles (b, Q);
-        -1 where there are fewer. A larger group has several bundles.
+        a group holds, or `most`: the group (b,) of each, in rising order, and its
+        profiles (b, Q); -1 where there are fewer. A larger group has several bundles.
         """
         profiles = np.flatnonzero(kept)
         profiles = profiles[np.argsort(self.holder[profiles], kind="stable")]
         holder = self.holder[profiles]
         groups = np.unique(holder).size
-        Q = -(-len(holder) // max(1, groups))
+        Q = min(most, -(-len(holder) // max(1, groups)))
         place = np.arange(len(holder)) - np.searchsorted(holder, holder)
         firsts = np.flatnonzero(place % Q == 0)
         ends = np.append(firsts, len(holder))[1:, None]

@@ -63,16 +63,17 @@ class SmoothErrors:
         by_view = by_flange @ shifting(-self.arms)
         return by_view @ self.errors - (by_view @ self.rigid) @ self.steps
 
-    def keeping(self, kept: ndarray) -> "SmoothErrors":
+    def keeping(self, kept: ndarray | slice) -> "SmoothErrors":
         """The same where only the profiles kept (P,) say what the steps are: those that
         take up the most of their errors, by least squares.
         """
-        weight = np.repeat([1.0, VIEW_MM], 3)[:, None]
-        rigid = (weight * self.rigid[kept]).reshape(-1, 12)
-        errors = (weight * self.errors[kept]).reshape(-1, COEFFICIENTS)
-        units = np.linalg.norm(rigid, axis=0)
-        in_units = np.linalg.lstsq(rigid / units, errors, rcond=1e-6)[0]
-        return replace(self, steps=in_units / units[:, None])
+        rigid, errors = self.rigid[kept], self.errors[kept]
+        weighed = np.repeat([1.0, VIEW_MM**2], 3)[:, None] * rigid
+        products = np.tensordot(weighed, rigid, ((0, 1), (0, 1)))
+        across = np.tensordot(weighed, errors, ((0, 1), (0, 1)))
+        units = np.diag(products)[:, None] ** -0.5
+        inverse = np.linalg.pinv(units * products * units.T, 1e-12, hermitian=True)
+        return replace(self, steps=units * (inverse @ (units * across)))
 
 
 def smooth_errors(
@@ -116,7 +117,7 @@ def smooth_errors(
     arms = (T_sensor - to_hand * positions) @ R_sensor + seen
     moved = shifting(arms) @ of_flange.reshape(-1, 6, COEFFICIENTS)
     errors = SmoothErrors(rigid, moved, arms, (rotation, place), steps)
-    return errors if known else errors.keeping(np.full(len(R), True))
+    return errors if known else errors.keeping(slice(None))
 
 
 def shifting(arms: ndarray) -> ndarray:
