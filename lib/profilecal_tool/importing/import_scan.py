@@ -90,10 +90,8 @@ def read_folder(
     used = {*of_poses, *of_profiles, *(block.path for block in beside if block.robot)}
     taken["left out"] = listed(p.name for p in every if p not in used) or "none"
     poses = robot_poses(of_poses, layout)
-    rows, in_one = (
-        len(poses.block.table),
-        of_poses is of_profiles and len(of_poses) == 1,
-    )
+    rows = len(poses.block.table)
+    in_one = of_poses is of_profiles and len(of_poses) == 1
     several = 0 if in_one else rows
     names, values = read_profiles(of_profiles, several, layout, taken)
     counts = [*map(len, values)]
