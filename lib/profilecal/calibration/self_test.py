@@ -217,7 +217,8 @@ def simulated(
         steps[:, FLANGE] += size * by_unit(name) * errors
     if noise.accuracy_mm:
         # (profiles, 6, patterns)
-        patterns = noise.accuracy_mm * solution.smooth.columns(np.eye(6))
+        motions = np.broadcast_to(np.eye(6), (len(steps), 6, 6))
+        patterns = noise.accuracy_mm * solution.smooth.columns(motions)
         steps[:, FLANGE] += patterns @ rng.normal(size=patterns.shape[2])
     if problem.clock is not None:
         late = noise.jitter_ms / 1000 * rng.normal(size=len(steps))

@@ -182,9 +182,9 @@ class Posterior:
     L: ndarray  # (S, m + n + 1, m + n + 1)
     square: ndarray  # (S,) rᵀ P r, the χ² of the residuals
     log_evidence: ndarray  # (S,) of the variances
-    # of the rows that speak of the flange, if there are any, for the last sets: C and
-    # what it says of Z, as `Factors.solve` has it
-    last: tuple
+    # C of the rows that speak of the flange, if there are any: of one set of variances,
+    # or of the last of several
+    factors: Factors | None
 
     @cached_property
     def root(self) -> ndarray:
@@ -346,8 +346,8 @@ class LinearModel:
         """Of the profiles kept."""
         most = max(1, AT_ONCE // (self.q * (self.m + self.n + 1)))
         groups, profiles = self.nesting.bundles(self.kept, most)
-        real = (profiles >= 0)[..., None, None]
-        E, Z = self.E[profiles] * real, self.Z[profiles] * real
+        E, Z = self.E[profiles], self.Z[profiles]
+        E[profiles < 0] = Z[profiles < 0] = 0.0
         parts = [np.broadcast_to(np.eye(self.q), (*profiles.shape, self.q, self.q))]
         errors = [0]
         for error, alone in self.nesting.own:
@@ -396,14 +396,13 @@ class LinearModel:
         N = rest / v0[:, None, None]
         N[:, m:, m:] += self.of_mount
         log_det = count * np.log(v0)
-        last: tuple = ()
+        factors = None
         if self.flange_errs:
             some = max(1, AT_ONCE // self.rows.Z.size)
             for start in range(0, len(v), some):
                 part = slice(start, start + some)
                 factors = self.factors(v[part])
-                last = factors, *factors.solve(self.rows.Z)
-                N[part] += last[1]
+                N[part] += factors.solve(self.rows.Z)[0]
                 log_det[part] += factors.log_det
 
         products, H = N[0].copy(), N
@@ -421,7 +420,7 @@ class LinearModel:
         roots = np.einsum("sii->si", L)[:, :-1]
         log_evidence = -(square + log_det) / 2 - np.log(roots).sum(axis=1)
         known = products, self.precision, L
-        return Posterior(v, m, *known, square, log_evidence, last)
+        return Posterior(v, m, *known, square, log_evidence, factors)
 
     def rescaled(
         self, posterior: Posterior, times: ndarray
@@ -447,8 +446,9 @@ class LinearModel:
         return gain, x + (V_s @ Gx)[..., 0], V + V_s @ G @ V_s.mT
 
     def gradient(self, posterior: Posterior) -> tuple[ndarray, ndarray]:
-        """The derivative (1 + k,) of the log evidence L by the variances, for one set
-        of them, and its average information I (Gilmour, Thompson and Cullis 1995).
+        """The derivative (1 + k,) of the log evidence L by the variances, and its
+        average information I (Gilmour, Thompson and Cullis 1995). The posterior has to
+        be of one set of variances.
 
         As ∂C/∂v_k = M_k, with w = P r = C⁻¹ (r + A x̂) and F the columns M_k w,
 
@@ -470,8 +470,8 @@ class LinearModel:
         within[0, 0] = square / v0**3
         across = np.zeros((len(x), k))  # Aᵀ C⁻¹ F
         across[:, 0] = rest[:-1] @ z / v0**2
-        if posterior.last:
-            self.add_rows(posterior, slope, within, across)
+        if posterior.factors:
+            self.add_rows(posterior.factors, (x, V), slope, within, across)
         if self.smooth:
             N = posterior.products[:m]
             f = N @ z
@@ -485,49 +485,70 @@ class LinearModel:
         return -slope / 2, information
 
     def add_rows(
-        self, posterior: Posterior, slope: ndarray, within: ndarray, across: ndarray
+        self,
+        factors: Factors,
+        known: tuple[ndarray, ndarray],
+        slope: ndarray,
+        within: ndarray,
+        across: ndarray,
     ) -> None:
-        """Add what the rows that speak of the flange say, as in `gradient`."""
-        factors, _, _, (c, *_) = posterior.last
-        rows, Q, k = factors.rows, factors.covariances, len(slope)
-        x, V = posterior.whole
-        P, CA, w = self.precisions(posterior)
+        """Add what the rows that speak of the flange say, as in `gradient`; `known`:
+        `Posterior.whole`.
+        """
+        rows = self.rows
+        _, (W,), (c,) = factors.solve(rows.Z)
+        P, X, w = self.precisions(factors, known, W)
+        of_groups, moves = self.of_groups(factors, known, c)
+        F = rows.E @ moves[rows.groups, None]  # M_k w of what profiles share,
+        own = rows.parts @ w[..., None]  # and of what is one profile's
+        F[..., rows.errors] += np.moveaxis(own[..., 0], 0, -1)
+        slope += of_groups
         slope[rows.errors] += np.tensordot(rows.parts, P, 4)
-        moves = np.zeros((len(Q), self.axes, k))  # of groups, by M_k w
+        slope -= np.tensordot(w, F, 3)
+        for part in parts_of(X):
+            CA = X[part, ..., :-1]
+            across += np.tensordot(CA, F[part], ((0, 1, 2), (0, 1, 2)))
+        within += factors.solve(F)[0][0]
+
+    def precisions(
+        self, factors: Factors, known: tuple[ndarray, ndarray], W: ndarray
+    ) -> tuple[ndarray, ndarray, ndarray]:
+        """Of the rows of each profile, for one set of variances: P_ii (b, Q, q, q),
+        X = C⁻¹ [B | A | r] (b, Q, q, m + n + 1) and w = P r (b, Q, q). `W`, as
+        `Factors.solve` has it of Z, turns into X: it is as large as all rows.
+        """
+        x, V = known
+        root = factors.root[0]  # L⁻¹
+        W_E = factors.W_E[0].reshape(*root.shape[:-1], -1)
+        Q = factors.covariances[factors.rows.groups, None]
+        P = root.mT @ (np.eye(self.q) - W_E @ Q @ W_E.mT) @ root  # of C⁻¹
+        X = W.reshape(*root.shape[:-1], -1)
+        for part in parts_of(X):
+            X[part] = root[part].mT @ X[part]
+            CA = X[part, ..., :-1]
+            P[part] -= CA @ V @ CA.mT
+        return P, X, X @ np.append(x, 1.0)
+
+    def of_groups(
+        self, factors: Factors, known: tuple[ndarray, ndarray], c: ndarray
+    ) -> tuple[ndarray, ndarray]:
+        """Of the errors that groups share, with c (groups, 6, columns) as
+        `Factors.solve` has it of Z: tr P M_k (1 + k,); and M_k w as motions of the
+        flange (groups, 6, 1 + k), which a group has from all that hold it, too.
+        """
+        Q, k = factors.covariances, len(self.units)
+        x, V = known
+        traces, moves = np.zeros(k), np.zeros((len(Q), self.axes, k))
         for node in factors.nodes:
             level, J = node.level, node.J[0]
             units = self.units[level.errors]
             EZ = node.Ms[0] @ c[level.groups] / node.s[0]  # E_gᵀ C⁻¹ Z
-            EA, f = EZ[..., :-1], EZ @ np.append(x, 1.0)
+            EA, Ew = EZ[..., :-1], EZ @ np.append(x, 1.0)
             EPE = J - J @ Q[level.groups] @ J - EA @ V @ EA.mT
-            slope[level.errors] += units @ np.einsum("gjj->j", EPE)
+            traces[level.errors] = units @ np.einsum("gjj->j", EPE)
             moves[level.groups] = moves[level.parents]
-            moves[level.groups, :, level.errors] = f[..., None] * units.T
-        F = rows.E @ moves[rows.groups, None]  # M_k w
-        own = rows.parts @ w[..., None]
-        F[..., rows.errors] += np.moveaxis(own[..., 0], 0, -1)
-        slope -= np.tensordot(w, F, 3)
-        across += np.tensordot(CA, F, ((0, 1, 2), (0, 1, 2)))
-        within += factors.solve(F)[0][0]
-
-    def precisions(self, posterior: Posterior) -> tuple[ndarray, ndarray, ndarray]:
-        """P_ii (b, Q, q, q), C⁻¹ [B | A] (b, Q, q, m + n) and w = P r (b, Q, q) of the
-        rows of each profile, for one set of variances.
-        """
-        factors, _, (W, *_), _ = posterior.last
-        x, V = posterior.whole
-        root = factors.root[0]
-        W_E = factors.W_E[0].reshape(*root.shape[:-1], -1)
-        Q = factors.covariances[factors.rows.groups, None]
-        inside = np.eye(self.q) - W_E @ Q @ W_E.mT
-        P = root.mT @ inside @ root
-        W = W.reshape(*root.shape[:-1], -1)
-        X = np.empty_like(W)
-        for part in parts_of(W):
-            np.matmul(root[part].mT, W[part], out=X[part])
-            CA = X[part, ..., :-1]
-            P[part] -= CA @ V @ CA.mT
-        return P, X[..., :-1], X @ np.append(x, 1.0)
+            moves[level.groups, :, level.errors] = Ew[..., None] * units.T
+        return traces, moves
 
     def own(self, v: ndarray) -> ndarray:
         """Covariances (profiles, q, q) of the rows of each profile by itself, for
@@ -555,8 +576,9 @@ class LinearModel:
         Z = self.Z
         errors, A = Z @ np.append(x, 1.0), Z[..., :-1]
         covariances = self.own(posterior.v[0]) + A @ V @ A.mT
-        if posterior.last:
-            P, _, w = self.precisions(posterior)
+        if posterior.factors:
+            _, (W,), _ = posterior.factors.solve(self.rows.Z)
+            P, _, w = self.precisions(posterior.factors, (x, V), W)
             real = self.rows.profiles >= 0
             covariance = np.linalg.pinv(P[real], hermitian=True)
             profiles = self.rows.profiles[real]

@@ -28,6 +28,7 @@ REACH_MM = 750.0
 # A turn of the view counts as the way of a point so far from its middle.
 VIEW_MM = 20.0
 COEFFICIENTS = 27
+CHUNK = 500  # profiles whose motions are made at once
 # shifts (3, 3) of the ends of the three axes by turns
 BY_AXES = np.cross(np.eye(3), np.eye(3)[:, None]).mT
 # middle and steps of `SmoothErrors`
@@ -38,13 +39,16 @@ Known = Sequence[ArrayLike]
 class SmoothErrors:
     """Of P profiles, for one unit of the errors' size, what each coefficient does.
 
-    Motions (6) are of the view: a shift of its middle, mm, and a turn, rad, about the
-    sensor's axes.
+    Motions (6) are of the flange: a shift, mm, and a turn, rad, about the sensor's
+    axes. They are made where they are needed, of some profiles at a time: those of
+    60,000 profiles take 110 MB.
     """
 
-    rigid: ndarray  # (P, 6, 12) motions by steps of the sensor pose and of the base
-    errors: ndarray  # (P, 6, 27) motions by each coefficient
-    arms: ndarray  # (P, 3) from the flange to the middle, in the sensor's frame
+    poses: Frames  # (P, 3, 3), (P, 3) of the flange; to hand, of the base in its frame
+    sensor: Frames  # (3, 3), (3,)
+    seen: ndarray  # (3,) the middle of its view, in its frame
+    ratio: float  # an error of the orientation, rad, to one of the position
+    to_hand: bool
     middle: Frames  # orientation (3, 3) and position (3,) that they are counted from
     # (12, 27) the steps of sensor pose and base that take up the most of the errors
     steps: ndarray
@@ -60,20 +64,58 @@ class SmoothErrors:
         """By how much each coefficient moves rows (P, K, 27) that a motion of the
         flange moves by `by_flange` (P, K, 6), without what the steps take up.
         """
-        by_view = by_flange @ shifting(-self.arms)
-        return by_view @ self.errors - (by_view @ self.rigid) @ self.steps
+        columns = np.empty((*by_flange.shape[:2], COEFFICIENTS))
+        for chunk in chunks_of(np.arange(len(by_flange))):
+            rigid, errors = self.motions(chunk)
+            columns[chunk] = by_flange[chunk] @ (errors - rigid @ self.steps)
+        return columns
 
-    def keeping(self, kept: ndarray | slice) -> "SmoothErrors":
+    def keeping(self, kept: ndarray) -> "SmoothErrors":
         """The same where only the profiles kept (P,) say what the steps are: those that
-        take up the most of their errors, by least squares.
+        take up the most of their errors, by least squares, as these move the view.
         """
-        rigid, errors = self.rigid[kept], self.errors[kept]
-        weighed = np.repeat([1.0, VIEW_MM**2], 3)[:, None] * rigid
-        products = np.tensordot(weighed, rigid, ((0, 1), (0, 1)))
-        across = np.tensordot(weighed, errors, ((0, 1), (0, 1)))
-        units = np.diag(products)[:, None] ** -0.5
-        inverse = np.linalg.pinv(units * products * units.T, 1e-12, hermitian=True)
+        weights = np.repeat([1.0, VIEW_MM], 3)[:, None]
+        products = np.zeros((12 + COEFFICIENTS,) * 2)
+        for chunk in chunks_of(np.flatnonzero(kept)):
+            motions = np.concatenate(self.motions(chunk), axis=2)
+            of_view = weights * shifting(self.arms(chunk) + self.seen) @ motions
+            products += np.tensordot(of_view, of_view, ((0, 1), (0, 1)))
+        rigid, across = products[:12, :12], products[:12, 12:]
+        units = np.diag(rigid)[:, None] ** -0.5
+        inverse = np.linalg.pinv(units * rigid * units.T, 1e-12, hermitian=True)
         return replace(self, steps=units * (inverse @ (units * across)))
+
+    def motions(self, chunk: ndarray) -> tuple[ndarray, ndarray]:
+        """Of some profiles (k,), by number: motions (k, 6, 12) by steps of the sensor
+        pose and of the base, and (k, 6, 27) by each coefficient.
+        """
+        R, T = (array[chunk] for array in self.poses)
+        rotation, place = self.middle
+        to_sensor = (R @ self.sensor[0]).mT
+        rigid = np.zeros((len(R), 6, 12))
+        rigid[:, :, :6] = shifting(-self.arms(chunk))
+        rigid[:, :3, 6:9] = rigid[:, 3:, 9:] = to_sensor
+        if not self.to_hand:  # there the base turns about itself
+            rigid[:, :3, 9:] = to_sensor @ shifts_by_turn(T)
+
+        # to hand, the sensor's axes stand still in the base
+        axes = np.eye(3)[None] if self.to_hand else to_sensor
+        ways = (positions(R, T, self.to_hand) - place) / REACH_MM
+        turns = Rotation.from_matrix(rotation.T @ R, assume_valid=True).as_rotvec()
+        of_turn = np.eye(3)[..., None] * turns[:, None, None]
+        errors = np.zeros((len(R), 2, 3, 3, 3, 3))
+        errors[:, 0, :, 0] = axes[..., None] * ways[:, None, None]
+        errors[:, 0, :, 1] = of_turn
+        errors[:, 1, :, 2] = self.ratio * of_turn
+        return rigid, errors.reshape(-1, 6, COEFFICIENTS)
+
+    def arms(self, chunk: ndarray) -> ndarray:
+        """From the flange to the sensor of some profiles, in its frame, (k|1, 3)."""
+        R_sensor, T_sensor = self.sensor
+        if not self.to_hand:
+            return (T_sensor @ R_sensor)[None]
+        R, T = (array[chunk] for array in self.poses)
+        return (T_sensor - positions(R, T, to_hand=True)) @ R_sensor
 
 
 def smooth_errors(
@@ -84,40 +126,28 @@ def smooth_errors(
     to_hand: bool = False,
     known: Known | None = None,
 ) -> SmoothErrors:
-    """Of `poses` of the flange (P, 3, 3), (P, 3), `to_hand` of the base in its frame,
-    and a `sensor` pose (3, 3), (3,) that has the middle of its view at `seen` (3,).
-
-    `ratio`: an error of the orientation, rad, to one of the position. `known`: middle
+    """Those of `poses`, counted from their middle; the steps are found. `known`: middle
     and steps, if others say what they are.
     """
-    R, T = poses
-    R_sensor, T_sensor = sensor
-    positions = inverse(R, T)[1] if to_hand else T
     if known:
         rotation, place, steps = map(np.asarray, known)
-    else:
-        rotation, place = nearest_rotation(R.mean(axis=0)), positions.mean(axis=0)
-        steps = np.zeros((12, COEFFICIENTS))  # until they are found
-    to_sensor = (R @ R_sensor).mT
-    places = R @ (R_sensor @ seen + T_sensor) + T  # of the middle, in the base
-    rigid = np.zeros((len(R), 6, 12))
-    rigid[:, :, :6] = shifting(seen)
-    rigid[:, :3, 6:9] = rigid[:, 3:, 9:] = to_sensor
-    rigid[:, :3, 9:] = to_sensor @ shifts_by_turn(places)
+        middle = rotation, place
+        return SmoothErrors(poses, sensor, seen, ratio, to_hand, middle, steps)
+    R, T = poses
+    middle = nearest_rotation(R.mean(axis=0)), positions(R, T, to_hand).mean(axis=0)
+    none = np.zeros((12, COEFFICIENTS))  # until they are found
+    errors = SmoothErrors(poses, sensor, seen, ratio, to_hand, middle, none)
+    return errors.keeping(np.ones(len(R), dtype=bool))
 
-    # to hand, the sensor's axes stand still in the base
-    axes = np.eye(3)[None] if to_hand else to_sensor
-    ways = (positions - place) / REACH_MM
-    turns = Rotation.from_matrix(rotation.T @ R, assume_valid=True).as_rotvec()
-    of_turn = np.eye(3)[..., None] * turns[:, None, None]
-    of_flange = np.zeros((len(R), 2, 3, 3, 3, 3))
-    of_flange[:, 0, :, 0] = axes[..., None] * ways[:, None, None]
-    of_flange[:, 0, :, 1] = of_turn
-    of_flange[:, 1, :, 2] = ratio * of_turn
-    arms = (T_sensor - to_hand * positions) @ R_sensor + seen
-    moved = shifting(arms) @ of_flange.reshape(-1, 6, COEFFICIENTS)
-    errors = SmoothErrors(rigid, moved, arms, (rotation, place), steps)
-    return errors if known else errors.keeping(slice(None))
+
+def chunks_of(profiles: ndarray) -> list[ndarray]:
+    """Numbers of profiles, some at a time."""
+    return np.array_split(profiles, 1 + len(profiles) // CHUNK)
+
+
+def positions(R: ndarray, T: ndarray, to_hand: bool) -> ndarray:
+    """(P, 3) of the flange in the base, of poses of `SmoothErrors`."""
+    return inverse(R, T)[1] if to_hand else T
 
 
 def shifting(arms: ndarray) -> ndarray:

@@ -27,6 +27,15 @@ def some_errors(seed=1, count=12, to_hand=False):
     return smooth_errors((R, T), sensor, SEEN, 0.002, to_hand), (R, T), sensor
 
 
+def of_view(errors, chosen=slice(None)):
+    """Motions of the middle of the view, by steps and by coefficients; what takes those
+    of the flange to them.
+    """
+    chosen = np.arange(12)[chosen]
+    to_view = shifting(errors.arms(chosen) + SEEN)
+    return *(to_view @ motions for motions in errors.motions(chosen)), to_view
+
+
 def view(poses, sensor):
     """Sensor orientations in the base and the middle of the view."""
     R, T = poses
@@ -43,16 +52,17 @@ def motion(before, after):
 
 def test_steps_of_mount_and_base_move_the_view_as_moved_frames_do():
     errors, poses, (R_sensor, T_sensor) = some_errors()
+    rigid, *_ = of_view(errors)
     (R, T), tiny = poses, 1e-6
     before = view(poses, (R_sensor, T_sensor))
     for k, step in enumerate(np.eye(6) * tiny):
         turned, shift = rotations(step[3:]), step[:3]
         mount = R_sensor @ turned, T_sensor + R_sensor @ shift
         by_mount = motion(before, view(poses, mount)) / tiny
-        assert_allclose(errors.rigid[..., k], by_mount, atol=1e-3)
+        assert_allclose(rigid[..., k], by_mount, atol=1e-3)
         base = turned @ R, T @ turned.T + shift
         by_base = motion(before, view(base, (R_sensor, T_sensor))) / tiny
-        assert_allclose(errors.rigid[..., 6 + k], by_base, atol=2e-3)
+        assert_allclose(rigid[..., 6 + k], by_base, atol=2e-3)
 
 
 def test_what_a_mount_and_a_base_take_up_is_left_out():
@@ -60,15 +70,13 @@ def test_what_a_mount_and_a_base_take_up_is_left_out():
     errors, *_ = some_errors()
     kept = np.arange(12) < 9
     weight = np.repeat([1.0, VIEW_MM], 3)[:, None]
-    rigid = (weight * errors.rigid[kept]).reshape(-1, 12)
-    moved = (weight * errors.errors[kept]).reshape(-1, 27)
+    rigid, moved, to_view = of_view(errors, kept)
+    rigid, moved = (weight * rigid).reshape(-1, 12), (weight * moved).reshape(-1, 27)
     steps = lstsq(rigid, moved)[0]
     of_kept = errors.keeping(kept)
     assert_allclose(of_kept.steps, steps, rtol=1e-6, atol=1e-6 * np.abs(steps).max())
-    arms = errors.arms[kept]
-    left = (shifting(arms) @ of_kept.columns(np.eye(6))[kept] * weight).reshape(
-        moved.shape
-    )
+    columns = of_kept.columns(np.tile(np.eye(6), (12, 1, 1)))[kept]
+    left = (to_view @ columns * weight).reshape(moved.shape)
     assert_allclose(left, moved - rigid @ steps, atol=1e-9)
 
 
@@ -95,7 +103,7 @@ def test_a_scale_of_the_robot_s_positions_is_such_an_error(to_hand):
     to_sensor = R_sensor.T if to_hand else (R @ R_sensor).mT
     motions = np.zeros((12, 6))
     motions[:, :3] = (to_sensor @ scaled[..., None])[..., 0]
-    columns = errors.errors.reshape(72, 27)
+    columns = of_view(errors)[1].reshape(72, 27)
     sizes = np.linalg.lstsq(columns, motions.ravel(), rcond=1e-9)[0]
     assert_allclose(columns @ sizes, motions.ravel(), atol=1e-9)
     # beside turns, which come with ways here
