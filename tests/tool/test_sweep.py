@@ -4,6 +4,8 @@ Nothing is lost, repeated or reused wrongly, whatever happens.
 """
 
 import functools
+import os
+import signal
 import subprocess
 import sys
 import time
@@ -229,26 +231,37 @@ if n > 1:
 """
 
 
-def test_stopped_it_leaves_no_kernel_and_goes_on(tmp_path, cluster):
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL], ids=str)
+def test_stopped_it_leaves_no_kernel_and_goes_on(tmp_path, cluster, how):
+    """Killed, it leaves what runs to the workers."""
     notebook = write_notebook(tmp_path / "slow.ipynb", PARAMETERS, WAITS, DRAW)
     kernel = tmp_path / "kernel"
     output = tmp_path / "out"
     program = Path(sys.executable).with_name("profilecal")
     command = [program, "sweep", notebook, "-p", "n=1,2", "--output", output]
+    elsewhere = [*command, "--scheduler", cluster.scheduler_address]
+    killed = how == signal.SIGKILL
 
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(cores)})  # so that it starts one worker
+    process = subprocess.Popen(
+        elsewhere if killed else command, stderr=subprocess.PIPE, text=True
+    )
+    os.sched_setaffinity(0, cores)
+    with process:
         wait_for(lambda: kernel.exists() and kernel.read_text() and written_at(output))
-        process.terminate()
+        process.send_signal(how)
         _, said = process.communicate(timeout=30)
-    assert process.returncode == 130
-    assert said.strip().endswith("Interrupted. The same command goes on from here.")
-    assert "Traceback" not in said
-    wait_for(lambda: not Path("/proc", kernel.read_text()).exists(), 10)
+    assert process.returncode == (-how if killed else 130)
+    if not killed:
+        assert said.strip().endswith("Interrupted. The same command goes on from here.")
+        assert "Traceback" not in said
+        wait_for(lambda: not Path("/proc", kernel.read_text()).exists(), 10)
     kept = written_at(output)
     assert len(kept) == 1
 
     (tmp_path / "go").touch()
-    finished = run(*command[1:], "--scheduler", cluster.scheduler_address)
+    finished = run(*elsewhere[1:])
     assert finished.exit_code == 0, finished.output
     assert kept.items() < written_at(output).items()
     assert list(pd.read_csv(output / "table.csv")["n"]) == [1, 2]

@@ -9,6 +9,7 @@ from simulated import few, scan_of
 
 import profilecal as pc
 
+pytestmark = pytest.mark.usefixtures("read_rightly")
 NOISE = {"profile_mm": 0.05, "position_mm": 0.05, "orientation_deg": 0.02}
 PLANS = {  # raw profiles where a target leaves them
     "edge": {"groups": 12, "positions": 3},
@@ -79,20 +80,20 @@ def test_what_moved_is_told_where_poses_are_enough_and_not_from_one(kind, moved)
 
 
 def test_the_shift_that_is_said_to_show_shows_nine_times_of_ten():
-    first, *others = scans("ball", 21, seed=4)
+    first, *others = scans("ball", 21, seed=4, measured="arcs")
     found = pc.calibrate(first)
     seen = 0
     for scan in others:
         some = few(scan, [2, 15, 27])
         shift = pc.check_mount(found, some).seen_mm_deg[0]
-        seen += not pc.check_mount(found, moved_sensor(some, [shift, 0])).as_expected
+        seen += not pc.check_mount(found, moved_sensor(some, [shift, 0, 0])).as_expected
     assert 14 <= seen <= 20  # 18 ± 1.3 of 20, and the law of the errors is estimated
 
 
 def test_what_an_answer_from_few_poses_leaves_open_is_allowed_for():
     """χ² over its count has the mean 1; were the answer exact, it would be 5."""
     ratios = []
-    for seed in range(1, 7):
+    for seed in range(1, 5):
         (first,) = scans("plane", 1, seed=seed, groups=8, positions=1)
         _, later = scans("plane", 2, seed=seed)
         check = pc.check_mount(pc.calibrate(first), few(later, [0, 9, 20]))

@@ -25,6 +25,7 @@ from profilecal.calibration.other_conventions import better_readings
 from profilecal.calibration.plausibility import poor_errors
 from profilecal.scan.toml import read_toml
 
+pytestmark = pytest.mark.usefixtures("read_rightly")
 EXAMPLES = Path(__file__).parents[3] / "data" / "examples"
 KINDS = ["edge", "disk", "ball"]
 FARTHEST = chi2.isf(1e-4, 6)  # the squared error of a right answer
@@ -105,7 +106,8 @@ WRONG = [
     ("kind", "wrong", "right"), [("disk", 50.5, 50.0), ("ball", 40.0, 25.0)]
 )
 def test_a_wrong_radius_is_answered_by_the_one_that_fits(kind, wrong, right):
-    scan = replace(example(kind), sizes=(wrong,))
+    scan = scan_of(kind, seed=3, groups=8, positions=3, radius=right)
+    scan = replace(scan, sizes=(wrong,))
     (said,) = better_readings(scan, observe(scan))
     (radius,) = re.findall(r"^with a radius of ([\d.]+) mm", said)
     assert float(radius) == pytest.approx(right, abs=0.2)

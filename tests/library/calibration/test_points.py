@@ -9,6 +9,9 @@ from profilecal.calibration.points import over_all_seen, points_seen
 from profilecal.geometry.poses import homogeneous, rotations
 
 
+pytestmark = pytest.mark.usefixtures("read_rightly")
+
+
 def by_differences(function, variances):
     """Variances (n, 3) of points that a small twist δ (6,) moves, T · exp(δ), from the
     covariance (6, 6) of δ.

@@ -11,6 +11,7 @@ from simulated import calibration_of, scan_of
 import profilecal as pc
 from profilecal.calibration.plausibility import systematic_tests
 
+pytestmark = pytest.mark.usefixtures("read_rightly")
 ERRING = {"profile_mm": 0.05, "position_mm": 0.05, "orientation_deg": 0.02}
 PLANS = {
     "edge": {"groups": 12, "positions": 5, "measured": "profiles"},
@@ -57,7 +58,7 @@ def scaled(scan):
 )
 def test_a_fault_that_the_model_does_not_have_is_named(kind, change):
     found = pc.calibrate(change(scan_of(kind, seed=3, noise=ERRING, **PLANS[kind])))
-    test = pc.self_test(found, 12)
+    test = pc.self_test(found, 10)
     word = "bent by +" if change is bent else "too far apart by"
     assert word in test.strange[0]
     assert f"do not look like theirs, but as if {test.strange[0]}" in test.sentence

@@ -16,6 +16,7 @@ from simulated import (
 
 import profilecal as pc
 
+pytestmark = pytest.mark.usefixtures("read_rightly")
 ERRING = {"position_mm": 0.05, "orientation_deg": 0.01}
 SMALL = {"noise": ERRING, "groups": 12, "positions": 4}
 OTHER = SMALL | {"groups": 14, "scanner": SCANNER}

@@ -158,8 +158,7 @@ if "PROFILECAL_COVERAGE" in os.environ:
 def test_in_the_field_an_answer_is_right_or_doubted(name, kind):
     """A lag smooths the weave: the residuals tell."""
     noise = {"profile_mm": 0.05, "group_position_mm": 0.05, "jitter_ms": 0.1}
-    sweeps = 12 if kind == "ball" else 24
-    entries = {"sweeps": sweeps, "profiles": 30} | FIELD[name]
+    entries = {"sweeps": 24 if kind == "edge" else 12} | FIELD[name]
     for seed in range(max(1, SCANS // 6)):
         scan, truth = driven(kind, seed=seed, noise=noise, **entries)
         found = pc.calibrate(scan)

@@ -48,7 +48,7 @@ def mixed_with_another_edge(scene, wrong, rng):
 def test_bad_points_and_groups_are_found_and_left_out(what):
     """A tenth of the points, or 5 of 25 groups, lie on a second edge 10 mm away."""
     rng = default_rng(17)
-    trials = 10
+    trials = 5
     errors, exact = [], 0
     for _ in range(trials):
         if what == "points":
@@ -83,7 +83,7 @@ def test_another_sensor_pose_that_fits_as_well_is_told(kind, stated):
 def test_two_targets_together_know_more_than_either_alone():
     rng = default_rng(19)
     squares = []
-    for _ in range(20):
+    for _ in range(10):
         mount = rotations(rng.normal(size=3)), rng.uniform(-100, 100, 3)
         edge = random_scene("edge", rng, mount=mount, groups=8).noisy(SIGMA, rng)
         scene = random_scene("ball", rng, mount=mount, groups=4, count=20)
@@ -93,7 +93,7 @@ def test_two_targets_together_know_more_than_either_alone():
         both = solve([edge, ball], NOISE)
         assert (both.observability.sd < np.minimum(by_edge, by_ball)).all()
         squares.append(squared_error(both, *mount))
-    assert abs(np.mean(squares) - 6) < 3 * np.sqrt(12 / 20)
+    assert abs(np.mean(squares) - 6) < 3 * np.sqrt(12 / 10)
     assert len(both.placements) == 2
 
 

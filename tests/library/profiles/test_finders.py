@@ -2,6 +2,7 @@
 nothing, and what must not matter.
 """
 
+import os
 from functools import partial
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from raw_profiles import RADIUS, balls, disks, edges, planes, rods, spoil, tables
 
 KINDS = ["edge", "disk", "ball", "plane", "rod"]
+FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "60"))
 EVERYWHERE = np.full((250, 1, 2), np.inf)  # a target that no spoiling leaves alone
 
 
@@ -25,6 +27,10 @@ bars = partial(edges, "parallel bar")
 
 def noise(rng):
     return rng.uniform([-50, 150], [50, 250], (50, 980, 2))
+
+
+def tables_alone(rng):
+    return tables(rng, 100)
 
 
 POINTS = {
@@ -63,32 +69,28 @@ def test_curves_are_found(name):
     """How well: `targets/test_contract.py`."""
     kind, make = CURVES[name]
     rng = default_rng(3)
-    profiles, truth = make(rng, 120)
+    profiles, truth = make(rng, 60)
     places = truth[:, 1:] if kind == "plane" else truth[:, None, :2]
     radius = getattr(make, "keywords", {}).get("radius", RADIUS)
     assert share_found(features_of(kind, spoil(profiles, places, rng), radius)) >= 0.99
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "rod"])
-@pytest.mark.parametrize("shown", [tables, noise])
+@pytest.mark.parametrize("shown", [tables_alone, noise])
 def test_a_table_or_noise_alone_shows_nothing(kind, shown):
-    assert share_found(features_of(kind, shown(default_rng(4)))) < 0.005
-
-
-def tables_only(rng):
-    return tables(rng, 200)
+    assert share_found(features_of(kind, shown(default_rng(4)))) == 0
 
 
 def disks_aside(rng):
     """One tip is in view: where the view ends is not where the disk ends."""
-    return disks(rng, 200, aside=60.0)[0]
+    return disks(rng, 100, aside=60.0)[0]
 
 
 OUTSIDE = {
-    "edge": (bars, tables_only),
+    "edge": (bars, tables_alone),
     "disk": (disks, disks_aside),
-    "ball": (balls, tables_only),
-    "rod": (rods, tables_only),
+    "ball": (balls, tables_alone),
+    "rod": (rods, tables_alone),
 }
 
 
@@ -99,10 +101,10 @@ def test_a_target_outside_the_view_is_not_found_among_profiles_that_show_it(kind
     visible, truth = inside(rng)
     places = truth.reshape(len(truth), -1, truth.shape[-1])[..., :2]
     shown = spoil(visible[:100], places[:100], rng)
-    hidden = spoil(outside(rng), EVERYWHERE[:200], rng)
+    hidden = spoil(outside(rng), EVERYWHERE[:100], rng)
     features = features_of(kind, [*shown, *hidden])
     assert share_found(features[:100]) >= 0.99
-    assert share_found(features[100:]) < 0.005
+    assert share_found(features[100:]) == 0
 
 
 # what another scanner may do to profiles, and what it does to the points in them
@@ -195,7 +197,7 @@ def test_whatever_is_in_a_profile_gives_a_feature_or_a_reason(kind):
     shown.append(bars(rng, groups=1)[0])
     profiles = np.concatenate(shown)
     tried = [*NOTHING]
-    for profile in profiles[rng.integers(len(profiles), size=200)]:
+    for profile in profiles[rng.integers(len(profiles), size=FUZZ)]:
         for corrupt in rng.choice(CORRUPTIONS, size=rng.integers(1, 4)):
             i, j = np.sort(rng.integers(0, len(profile) + 1, 2))
             profile = corrupt(profile, i, j, rng)

@@ -56,7 +56,7 @@ def test_a_designed_plan_beats_the_best_of_1000_random_ones(kind):
     pool = pool_of(kind, 800, rng)
     plans = (rng.choice(800, 15, replace=False) for _ in range(1000))
     best = min(map(pool.lacks, plans))
-    plan = design(model, rng, poses=15, candidates=800)
+    plan = design(model, rng, poses=15, candidates=400)
     assert len(plan.T) == 15
     assert (refused(model, plan.R, plan.T) == "").all()
     apart = angle_between(plan.R[:, None], plan.R) + 2 * np.eye(15)
@@ -66,7 +66,7 @@ def test_a_designed_plan_beats_the_best_of_1000_random_ones(kind):
 
 def test_no_pose_is_one_too_many():
     model = model_for("edge")
-    plan = design(model, default_rng(4), candidates=800)
+    plan = design(model, default_rng(4), candidates=400)
     assert lacks(plan.predicted) <= 1
     for k in range(len(plan.T)):
         R, T = (np.delete(part, k, axis=0) for part in (plan.R, plan.T))
@@ -78,10 +78,10 @@ def test_a_plan_after_others_adds_what_those_lack():
     narrow = replace(model, limits=Limits(tilt_deg=2, spin_deg=0))
     before = draw(narrow, 30, rng)
     assert predict(model, *before).spectrum.status != "ok"
-    plan = design(model, rng, poses=6, before=before, candidates=800)
+    plan = design(model, rng, poses=6, before=before, candidates=400)
     assert plan.predicted.poses == 36
     assert plan.predicted.spectrum.status == "ok"
-    alone = design(model, rng, poses=6, candidates=800)
+    alone = design(model, rng, poses=6, candidates=400)
     assert lacks(plan.predicted) < lacks(alone.predicted)
 
 
