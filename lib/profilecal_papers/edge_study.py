@@ -12,6 +12,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from profilecal.closed_form.edge import EdgeSolution
+from profilecal.geometry.fitting import middle_of
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import (
     Frames,
@@ -306,15 +307,11 @@ def observations_of(scene: EdgeScene) -> Observations:
     return Observations("edge", R, T, points, group=np.repeat(np.arange(G), N))
 
 
-def longest(moments: ndarray) -> ndarray:
-    """Unit vectors (..., 3) along which second moments (..., 3, 3) are largest."""
-    return np.linalg.eigh(moments)[1][..., -1]
-
-
 def principal(vectors: ndarray, about_mean: bool = True) -> ndarray:
     """Unit vectors (..., 3) along which vectors (..., n, 3) extend most."""
-    vectors = vectors - about_mean * vectors.mean(axis=-2, keepdims=True)
-    return longest(vectors.mT @ vectors)
+    if about_mean:
+        vectors = vectors - middle_of(vectors)
+    return np.linalg.eigh(vectors.mT @ vectors)[1][..., -1]
 
 
 def angle_deviations(solution: EdgeSolution, about_mean: bool = True) -> ndarray:
@@ -341,6 +338,6 @@ def line_distances(solution: Any) -> ndarray:
     `u_b` through their mean.
     """
     points = solution.p_b.reshape(*solution.p_b.shape[:-3], -1, 3)
-    offset = points - points.mean(axis=-2, keepdims=True)
+    offset = points - middle_of(points)
     along = offset @ solution.u_b[..., None]
     return np.linalg.norm(offset - along * solution.u_b[..., None, :], axis=-1)

@@ -123,8 +123,9 @@ def calibrations(
         poses = scene.poses.first(count)
         AtA, Atb = np.split(sums[:, count - 1, :9], [9], axis=-1)
         R_s = nearest_rotation(unvec(np.linalg.solve(AtA, Atb)[..., 0]))  # Eqs 26, 27
-        points = poses.carry(p_s[:, :count, :, None], R_s, np.zeros((len(R_s), 3)))
-        points = points[..., 0, :]  # in the base frame, but for R_b T_s
+        in_flange = p_s[:, :count] @ R_s[:, None, :, ::2].mT
+        # in the base frame, but for R_b T_s
+        points = in_flange @ poses.rotations.mT + poses.positions
         vectors = points - points[:, :, :1]  # Eq. 5, and a zero
         all_vectors = vectors[:, :, 1:].reshape(len(R_s), -1, 3)
         found = []

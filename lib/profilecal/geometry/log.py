@@ -30,23 +30,31 @@ class Log:
     p: ndarray  # (L, 3) mm
 
     @cached_property
-    def pieces(self) -> list[ndarray]:
-        """The rows of each piece without a gap that has two or more."""
+    def ends(self) -> ndarray:
+        """The first and the last rows (2, K) of pieces without a gap that have two or
+        more.
+        """
         steps = np.diff(self.t)
         cuts = np.flatnonzero(steps > GAP * np.median(steps)) + 1
-        pieces = np.split(np.arange(len(self.t)), cuts)
-        return [rows for rows in pieces if len(rows) > 1]
+        ends = np.array([np.r_[0, cuts], np.r_[cuts, len(self.t)] - 1])
+        return ends[:, ends[0] < ends[1]]
 
     @cached_property
-    def splines(self) -> list[tuple[CubicSpline, RotationSpline]]:
-        """Of the position and of the orientation, for each piece."""
-        return [
-            (
-                CubicSpline(self.t[rows], self.p[rows]),
-                RotationSpline(self.t[rows], Rotation.from_matrix(self.R[rows])),
-            )
-            for rows in self.pieces
-        ]
+    def splines(self) -> tuple[CubicSpline, RotationSpline]:
+        """Of the position and of the orientation: each piece's own, in one; what they
+        say in gaps is of no use.
+        """
+
+        def through(rows: slice) -> tuple[CubicSpline, RotationSpline]:
+            t, R = self.t[rows], Rotation.from_matrix(self.R[rows])
+            return CubicSpline(t, self.p[rows]), RotationSpline(t, R)
+
+        of_position, of_rotation = through(slice(None))
+        for first, last in self.ends.T:
+            p, R = through(slice(first, last + 1))
+            of_position.c[:, first:last] = p.c
+            of_rotation.interpolator.c[:, first:last] = R.interpolator.c
+        return of_position, of_rotation
 
     def away(self, times: ndarray) -> ndarray:
         """How far times (P,) are from the nearest row, (P,) s."""
@@ -59,22 +67,15 @@ class Log:
         (P, 6), the velocity in mm/s and the angular velocity in rad/s, both along the
         base's axes.
         """
-        R = np.empty((len(times), 3, 3))
-        p = np.empty((len(times), 3))
-        twist = np.empty((len(times), 6))
-        ends = self.t[[rows[[0, -1]] for rows in self.pieces]]
-        middles = (ends[:-1, 1] + ends[1:, 0]) / 2
-        piece = np.searchsorted(middles, times)
-        for k in np.unique(piece):
-            own = piece == k
-            inside = np.clip(times[own], *ends[k])
-            beyond = (times[own] - inside)[:, None]
-            of_position, of_rotation = self.splines[k]
-            R_inside = of_rotation(inside).as_matrix()
-            v = of_position(inside, 1)
-            # scipy's angular velocity is along the flange's axes
-            w = (R_inside @ of_rotation(inside, 1)[..., None])[..., 0]
-            R[own] = rotations(w * beyond) @ R_inside
-            p[own] = of_position(inside) + v * beyond
-            twist[own] = np.hstack([v, w])
-        return R, p, twist
+        first, last = self.t[self.ends]
+        piece = np.searchsorted((last[:-1] + first[1:]) / 2, times)
+        before = np.nextafter(last, first)[piece]  # from its last row on, a gap
+        inside = np.clip(times, first[piece], before)
+        beyond = (times - inside)[:, None]
+        of_position, of_rotation = self.splines
+        R = of_rotation(inside).as_matrix()
+        v = of_position(inside, 1)
+        # scipy's angular velocity is along the flange's axes
+        w = (R @ of_rotation(inside, 1)[..., None])[..., 0]
+        p = of_position(inside) + v * beyond
+        return rotations(w * beyond) @ R, p, np.hstack([v, w])

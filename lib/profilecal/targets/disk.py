@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 
-from profilecal.geometry.fitting import fit_sphere, principal_axes
+from profilecal.geometry.fitting import fit_sphere, middle_of, principal_axes
 from profilecal.geometry.poses import circle_around, cross, dot, frame_around, root
 from profilecal.profiles.chords import find_chords
 from profilecal.targets.plane import BELOW_MM, Plane
@@ -181,7 +181,7 @@ def fit_around(axis: ndarray, points: ndarray) -> Fitted:
     """
     axes = frame_around(axis)
     across = axes[..., :2]
-    middle = points.mean(axis=-2, keepdims=True)
+    middle = middle_of(points)
     centre, radius = fit_sphere((points - middle) @ across)
     origin = middle[..., 0, :] + (across @ centre[..., None])[..., 0]
     return origin, axes, (radius,)

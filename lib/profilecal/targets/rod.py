@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 
-from profilecal.geometry.fitting import with_sign
+from profilecal.geometry.fitting import middle_of, with_sign
 from profilecal.geometry.poses import cross, dot
 from profilecal.profiles.arcs import find_rods
 from profilecal.targets.disk import fit_around
@@ -98,7 +98,7 @@ class Rod(Round):
         along the axis, those of a rod have |p|² = pᵀ D p + b·p + k with D = d dᵀ. Least
         squares give D, of which d is the eigenvector to the largest eigenvalue.
         """
-        p = points - points.mean(axis=-2, keepdims=True)
+        p = points - middle_of(points)
         spread = np.sqrt(np.mean(np.sum(p**2, axis=-1), axis=-1))
         p = p / spread[..., None, None]
         i, j = np.triu_indices(3)
