@@ -261,6 +261,11 @@ def matrices(folder):
         np.savetxt(folder / f"pose{k}.txt", matrix)
 
 
+def stacked_matrices(folder):
+    """Below one another."""
+    np.savetxt(folder / "poses.txt", np.concatenate(matrices_of_poses()))
+
+
 def array(folder):
     np.save(folder / "poses.npy", matrices_of_poses())
 
@@ -409,7 +414,7 @@ def point_clouds(folder):
 POSES = (
     *(kuka, abb, ur, fanuc, yaskawa, kawasaki, staubli),
     *(xml_log, nested, stamped, opencv, of_images, csv, tum, matrices, array),
-    *(of_flange_and_tool, by_columns, named_arrays, matlab, workbook),
+    *(stacked_matrices, of_flange_and_tool, by_columns, named_arrays, matlab, workbook),
 )
 IN_A_BASE = (abb, staubli)
 PROFILES = (

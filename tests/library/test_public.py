@@ -163,6 +163,11 @@ def test_numbers_of_numpy_are_numbers():
     assert again.labels[:2] == ("0", "1")
 
 
+def test_one_pose_is_one_in_words():
+    scan, _ = pc.simulate("point", groups=1, positions=1)
+    assert repr(scan) == "Scan(point, 1 pose of 1 orientation, points, eye-in-hand)"
+
+
 def test_results_are_handed_to_other_processes():
     found = pc.calibrate(pc.simulate("disk", seed=1)[0])
     again = pickle.loads(pickle.dumps(found))

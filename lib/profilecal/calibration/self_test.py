@@ -15,6 +15,7 @@ each pattern, over its standard deviation, is a standard normal number.
 """
 
 from dataclasses import dataclass, replace
+from numbers import Integral
 
 import numpy as np
 from numpy import ndarray
@@ -132,7 +133,7 @@ def self_test(found: Calibration, count: int = 100, seed: int = 1) -> SelfTest:
     UnobservableError
         For a calibration without an answer.
     ValueError
-        For fewer than 10 scans.
+        For a count that is no whole number, or less than 10.
 
     See Also
     --------
@@ -146,8 +147,9 @@ def self_test(found: Calibration, count: int = 100, seed: int = 1) -> SelfTest:
     True
     """
     check_type("found", found, Calibration)
-    if count < FEWEST:
-        raise ValueError(f"count is {count}; expected {FEWEST} or more")
+    if not isinstance(count, Integral) or count < FEWEST:
+        expected = f"expected a whole number, {FEWEST} or more"
+        raise ValueError(f"count is {count!r}; {expected}")
     solution, rng = found.known_solution, np.random.default_rng(seed)
     columns = solution.problem.columns_in_mm(solution.state)
     squares = []

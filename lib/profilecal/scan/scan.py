@@ -383,13 +383,13 @@ class Scan:
     def __repr__(self) -> str:
         parts = []
         for chosen, words in (
-            (~self.moving, "poses of {} orientation"),
-            (self.moving, "profiles in {} sweep"),
+            (~self.moving, "{} pose{} of {} orientation{}"),
+            (self.moving, "{} profile{} in {} sweep{}"),
         ):
-            groups = len({*self.group[chosen]})
+            count, groups = np.count_nonzero(chosen), len({*self.group[chosen]})
             if groups:
-                found = f"{np.count_nonzero(chosen)} {words.format(groups)}"
-                parts.append(found + "s" * (groups != 1))
+                ends = ["" if number == 1 else "s" for number in (count, groups)]
+                parts.append(words.format(count, ends[0], groups, ends[1]))
         what = ", ".join([self.description, *parts, self.measured, self.mount])
         return f"Scan({what})"
 

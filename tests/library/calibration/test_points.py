@@ -8,7 +8,6 @@ from simulated import calibration_of, scan_of
 from profilecal.calibration.points import over_all_seen, points_seen
 from profilecal.geometry.poses import homogeneous, rotations
 
-
 pytestmark = pytest.mark.usefixtures("read_rightly")
 
 

@@ -76,8 +76,10 @@ def test_a_self_test_is_the_same_again_and_refuses_too_few():
     found = calibration_of("ball", seed=2, noise=ERRING, **PLANS["ball"])
     one, other = (pc.self_test(found, 10, seed=4).squares for _ in range(2))
     assert_array_equal(one, other)
-    with pytest.raises(ValueError, match="count is 9; expected 10 or more"):
-        pc.self_test(found, 9)
+    for count in (9, 10.5):
+        sentence = f"count is {count}; expected a whole number, 10 or more"
+        with pytest.raises(ValueError, match=sentence):
+            pc.self_test(found, count)
 
 
 def test_regions_that_are_too_small_are_called_so():

@@ -358,6 +358,12 @@ def two_declared(folder):
     edited("scan.mod", line, f"{line}\n{line.replace('tScan', 'tOther')}")(folder)
 
 
+def two_frames(folder):
+    people.abb(folder)
+    line = (folder / "scan.mod").read_text().splitlines()[1]
+    write_lines(folder / "other.mod", [line.replace("12.0", "13.0")])
+
+
 def base_of_kuka(folder):
     people.kuka(folder)
     frame = "BASE_DATA[1]={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}"
@@ -391,6 +397,7 @@ TOOLS = {
         None,
         "one at [0.012, -0.035, 0.18]",
     ),
+    "two frames of one tool": (two_frames, None, "tscan, whose 2 frames are here"),
     "listed frames": (listed_frames, None, "3 at [12.0, -35.0, 180.0], taken off"),
     "FANUC's": (people.fanuc, ("UT : 0", "UT : 3", 12), "3, whose frame is not here"),
     "two that moves have": (
@@ -497,6 +504,7 @@ MISTAKES = {
     "z alone": (people.csv, edited("scan_001.csv", "x,z", "time,z"), "no x and z"),
     "fewer": (people.tum, lost("scan_003.csv"), "11 profiles for 12 poses"),
     "half": (people.csv, edited("robot.csv", "Alpha", "tilt"), "what are they"),
+    "one title twice": (people.csv, edited("robot.csv", "Y [", "X ["), "2,Z .* or 3,Z"),
     "units": (people.csv, edited("robot.csv", "Y [mm]", "Y [m]"), "units are m, mm"),
     "other tool": (people.fanuc, edited("CALIB.LS", "UT : 0", "UT : 3"), "tools 0, 3"),
     "other base": (people.fanuc, edited("CALIB.LS", "UF : 0", "UF : 2"), "bases 0, 2"),
