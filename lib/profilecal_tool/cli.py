@@ -498,7 +498,7 @@ def import_(files, folder, **given):
             line = f"profilecal import {shlex.join(words)}"
             raise ValueError(f"{question}\n{line}") from question
         write_imported(scan, folder, said, taken)
-    echo("\n".join(f"{name:<13}{words}" for name, words in taken.items()))
+    echo("\n".join(f"{name:<15}{words}" for name, words in taken.items()))
     echo(f"{folder}/ written; next: profilecal check {folder}")
 
 

@@ -18,60 +18,73 @@ OF_POSES = (4, 4), (3, 4), (3, 3), (3, 1), (1, 3)  # what a pose's matrices have
 
 def binary_blocks(path: Path) -> Iterator[Block]:
     """The tables of a file of arrays. Raises ScanError."""
+    reader = {".mat": matlab_arrays, ".ply": points_of_ply}
     try:
-        if path.suffix == ".mat":
-            from scipy.io import loadmat
-
-            content = loadmat(path, appendmat=False, squeeze_me=True)
-            arrays = {k: np.asarray(a) for k, a in content.items() if k[0] != "_"}
-            for name, array in arrays.items():
-                if array.ndim == 3:  # MATLAB stacks matrices along the last axis
-                    arrays[name] = np.moveaxis(array, -1, 0)
-        elif path.suffix == ".ply":
-            from plyfile import PlyData
-
-            points = PlyData.read(path)["vertex"].data
-            arrays = {name: points[name] for name in points.dtype.names}
-        else:
-            with path.open("rb") as file:
-                loaded = np.load(file, allow_pickle=False)
-                arrays = {"": loaded} if isinstance(loaded, ndarray) else {**loaded}
+        arrays = reader.get(path.suffix.lower(), numpy_arrays)(path)
     except Exception as error:  # each reader has its own
         raise ScanError(f"{path}: no arrays of numbers: is it cut short?") from error
     yield from array_blocks(path, arrays)
 
 
+def matlab_arrays(path: Path) -> dict[str, ndarray]:
+    """The arrays of MATLAB, whose stacks of matrices lie along the last axis."""
+    from scipy.io import loadmat
+
+    content = loadmat(path, appendmat=False, squeeze_me=True)
+    arrays = {k: np.asarray(a) for k, a in content.items() if k[0] != "_"}
+    return {k: np.moveaxis(a, -1, 0) if a.ndim == 3 else a for k, a in arrays.items()}
+
+
+def points_of_ply(path: Path) -> dict[str, ndarray]:
+    """The columns of a point cloud."""
+    from plyfile import PlyData
+
+    points = PlyData.read(path)["vertex"].data
+    return {name: points[name] for name in points.dtype.names}
+
+
+def numpy_arrays(path: Path) -> dict[str, ndarray]:
+    """The arrays of NumPy; "" is the name of one alone."""
+    with path.open("rb") as file:
+        loaded = np.load(file, allow_pickle=False)
+        return {"": loaded} if isinstance(loaded, ndarray) else {**loaded}
+
+
 def array_blocks(path: Path, arrays: Mapping[str, ndarray]) -> Iterator[Block]:
-    """Arrays as tables: those with as many rows are one; points of profiles (n, points,
-    2 or 3), or of their transposes, another.
-    """
+    """Arrays as tables: those of as many rows are one; points of profiles, another."""
     alike = defaultdict(dict)
     for name, array in arrays.items():
-        if array.ndim == 0 or array.size == 0:
-            continue
-        array = array.astype(array.dtype.newbyteorder("="), copy=False)
-        if array.shape == OF_POSES[0]:
-            array = array[None]
-        columns = {}
-        if array.ndim == 3 and array.shape[1:] not in OF_POSES:
-            if array.shape[1] in (2, 3):
-                array = array.swapaxes(1, 2)
-            labels = np.arange(1, len(array) + 1, dtype="i4")
-            columns = {"label": labels.repeat(array.shape[1])}
-            name, array = "points", array.reshape(-1, array.shape[2])
-        if array.ndim == 1:
-            columns[name] = array
-        else:  # numbered
-            for k, column in enumerate(array.reshape(len(array), -1).T, 1):
-                columns[f"{name}_{k}".strip("_")] = column
-        alike[len(array)][name] = columns
-    for count, members in alike.items():
+        if array.ndim and array.size:
+            array = array.astype(array.dtype.newbyteorder("="), copy=False)
+            columns = columns_of(name, array)
+            rows = len(next(iter(columns.values())))
+            alike[rows][name] = columns
+    for rows, members in alike.items():
         columns = {title: c for own in members.values() for title, c in own.items()}
+        cells = dict(enumerate(columns.values()))
+        table = DataFrame(cells, range(1, rows + 1), copy=False)
         name = min(members) if len(members) == 1 else ""
-        table = DataFrame(
-            dict(enumerate(columns.values())), range(1, count + 1), copy=False
-        )
         yield Block(path, table, [*columns], name=name)
+
+
+def columns_of(name: str, array: ndarray) -> dict[str, ndarray]:
+    """The columns of an array, numbered; of profiles (n, points, 2 or 3), or of their
+    transposes, those of a point in each row.
+    """
+    columns = {}
+    if array.shape == OF_POSES[0]:
+        array = array[None]
+    if array.ndim == 3 and array.shape[1:] not in OF_POSES:
+        if array.shape[1] in (2, 3):
+            array = array.swapaxes(1, 2)
+        nth = np.arange(len(array), dtype="i4")
+        columns["nth"] = nth.repeat(array.shape[1])
+        name, array = "points", array.reshape(-1, array.shape[2])
+    if array.ndim == 1:
+        return {name: array}
+    for k, column in enumerate(array.reshape(len(array), -1).T, 1):
+        columns[f"{name}_{k}".strip("_")] = column
+    return columns
 
 
 def sheet_blocks(path: Path) -> Iterator[Block]:

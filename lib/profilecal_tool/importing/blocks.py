@@ -23,7 +23,8 @@ from profilecal_tool.importing.makers import (
 from profilecal_tool.importing.questions import one_or_ask
 
 FEWEST = 8  # numbers behind one name that are a profile
-MOST = 16  # numbers of a pose, a matrix; a row of more without titles is a profile
+LARGEST = 16  # numbers of a pose, a matrix; a row of more without titles is a profile
+XYZ = ("x", "y", "z")
 KNOWN = "|".join(map(re.escape, sorted(UNITS, key=len, reverse=True)))
 IN_BRACKETS = re.compile(r"(.*?)[\s_,/]*[\[(]([^\])]*)[\])]")
 BEHIND = re.compile(rf"(.*?)(?:[\s_]+in)?[\s_,/]+({KNOWN})")  # A in Grad, x_mm
@@ -57,9 +58,10 @@ class Block:
         return self.titles == counted(len(self.titles))
 
     def title(self, at: int) -> str:
-        """A column's title, or its number where several have the same."""
+        """A column's title, or its number where it has none or others have the same."""
         title = self.titles[at]
-        return title if self.titles.count(title) == 1 else str(at + 1)
+        is_name = title.strip() and self.titles.count(title) == 1
+        return title if is_name else str(at + 1)
 
     def numbers(self, columns: Iterable[Column], blank: bool = False) -> ndarray:
         """Columns as numbers (rows, columns), NaN for blanks if there may be some.
@@ -71,62 +73,69 @@ class Block:
 
     @cached_property
     def columns(self) -> list[Column]:
-        """What its columns are; of numbers behind one name, or none, by the first or
-        last word of the name and by how many there are.
+        """What its columns are: of those with a name each, by the name; of a list's
+        numbers by its name and by how many there are.
         """
         columns = [column_titled(*one) for one in enumerate(self.titles)]
-        stems = defaultdict(list)
-        for column in columns:
-            if is_number(column.name):
-                stems[""].append(column)
-            elif not column.role and (match := NUMBERED.fullmatch(column.name)):
-                stems[match[1]].append(column)
-        for stem, own in stems.items():
-            roles, owner = [], stem
-            if len(own) > (MOST if self.is_bare else FEWEST - 1):
-                # z alone may stand below its places
-                role = column_titled(0, stem).role if stem else "z"
-                roles = [role] * len(own) * (role in {*"xyz"})
-            if not roles and (stem or self.is_bare):
-                roles, owner = self.roles_of_list(stem, own)
+        for name, own in self.lists_among(columns).items():
+            is_long = len(own) > LARGEST if self.is_bare else len(own) >= FEWEST
+            axis = column_titled(0, name).role if name else "z"  # below its places
+            if is_long and axis in XYZ:
+                roles, owner = [axis] * len(own), name
+            else:
+                roles, owner = self.roles_of_list(name, own)
             for column, role in zip(own, roles, strict=False):
                 columns[column.at] = column._replace(role=role, owner=owner)
         return columns
 
-    def roles_of_list(self, stem: str, own: list[Column]) -> tuple[list[str], str]:
-        """The roles of numbers behind one name, and whose they are."""
-        before, _, last = stem.rpartition("_")
-        first, _, after = stem.partition("_")
-        owners = {stem: stem, last: before, first: after}
-        if not stem or len(own) > 2:
-            owners["bare"] = stem
+    def lists_among(self, columns: Sequence[Column]) -> dict[str, list[Column]]:
+        """Columns that are numbered behind one name, by the name; "" for none."""
+        lists = defaultdict(list)
+        for column in columns:
+            if is_number(self.titles[column.at]):
+                lists[""].append(column)
+            elif not column.role and (match := NUMBERED.fullmatch(column.name)):
+                lists[match[1]].append(column)
+        return lists
+
+    def roles_of_list(self, name: str, own: list[Column]) -> tuple[list[str], str]:
+        """The roles of a list's numbers, and whose they are: told by its name, by the
+        name's last word or by its first. None where it is not known.
+        """
         cells = self.table[[column.at for column in own]]
-        if cells.select_dtypes("number").shape != cells.shape:
-            return [], stem
+        has_words = cells.select_dtypes("number").shape != cells.shape
+        if has_words or not (name or self.is_bare):
+            return [], name
+        before, _, last = name.rpartition("_")
+        first, _, after = name.partition("_")
+        owners = {name: name, last: before, first: after}  # one word alone: nobody's
+        if not name or len(own) > 2:
+            owners["bare"] = name
         for word, owner in owners.items():
             for roles in ROLES_OF_LIST[word, len(own)]:
-                fixed = {k: float(r) for k, r in enumerate(roles) if r in ("0", "1")}
-                if (cells.iloc[:, [*fixed]] == [*fixed.values()]).all(axis=None):
+                if has_constants(cells, roles):
                     return roles, owner
-        return [], stem
+        return [], name
 
     @cached_property
     def poses(self) -> dict[str, "Part"]:
         """The pose of each row, under whose it is: a position, and angles of the same
         owner, or else of none that has a position.
         """
-        owned = defaultdict(dict)
-        for column in self.columns if self.kind == "pose" else ():
+        if self.kind != "pose":
+            return {}
+        owned, poses = defaultdict(dict), {}
+        for column in self.columns:
             owned[column.owner].setdefault(column.role, column)
-        placed = {o: roles for o, roles in owned.items() if roles.keys() >= {*"xyz"}}
-        unowned = [c for c in self.columns if c.owner not in placed or not c.owner]
-        loose = {column.role: column for column in unowned}
-        poses = {}
-        for owner, roles in placed.items():
-            turned = roles if convention_of(roles) else loose | roles
-            if convention := convention_of(turned):
-                columns = {name: turned[name] for name in (*"xyz", *convention.columns)}
-                poses[owner] = Part(self, f"{self.name} {owner}".strip(), columns)
+        placed = {who for who, own in owned.items() if own.keys() >= {*XYZ}} - {""}
+        of_nobody = {c.role: c for c in self.columns if c.owner not in placed}
+        for owner, own in owned.items():
+            if own.keys() >= {*XYZ}:
+                columns = own if convention_of(own) else of_nobody | own
+                if convention := convention_of(columns):
+                    name = f"{self.name} {owner}".strip()
+                    roles = (*XYZ, *convention.columns)
+                    poses[owner] = Part(self, name, {r: columns[r] for r in roles})
         return poses
 
     @cached_property
@@ -161,9 +170,9 @@ class Part:
     @property
     def labels(self) -> dict[str, list[str]]:
         """What may be labels of the rows, by title."""
-        table = self.block.table
-        free = [c for c in self.block.others if c.name and c.role in ("label", "")]
-        return {c.name: [*map(label_of, table[c.at])] for c in free}
+        block = self.block
+        free = [c for c in block.others if c.role in ("label", "")]
+        return {block.title(c.at): [*map(label_of, block.table[c.at])] for c in free}
 
     def numbers(self, roles: Iterable[str], blank: bool = False) -> ndarray:
         """Columns as numbers (rows, columns). Raises ScanError."""
@@ -185,17 +194,25 @@ def parts_called(
     """The parts of one name: as the entry says, or else of the robot, and with a word
     that is liked. Raises Question for several.
     """
+
+    def fit(name: str) -> tuple[bool, ...]:
+        """How well a name fits; what counts most stands first."""
+        text = name.lower()
+        is_entry = text == entry.lower()
+        return entry.lower() in text, is_entry, not is_of_other(text), liked in text
+
     names = [*dict.fromkeys(part.name for part in parts)]
-    wishes = (
-        lambda name: entry.lower() in name.lower(),
-        lambda name: name.lower() == entry.lower(),
-        lambda name: not is_of_other(name),
-        lambda name: liked in name.lower(),
-    )
-    for wish in wishes:
-        names = [*filter(wish, names)] or names
+    best = max(map(fit, names))
+    names = [name for name in names if fit(name) == best]
     name = one_or_ask(parts[0].path, names, what, "entry")
     return [part for part in parts if part.name == name]
+
+
+def has_constants(cells: DataFrame, roles: Sequence[str]) -> bool:
+    """Whether 0 and 1 stand in the columns whose roles they are, as in a matrix."""
+    at = [k for k, role in enumerate(roles) if role in ("0", "1")]
+    expected = [float(roles[k]) for k in at]
+    return (cells.iloc[:, at].dropna() == expected).all(axis=None)
 
 
 def is_of_other(name: str) -> bool:

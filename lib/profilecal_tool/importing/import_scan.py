@@ -1,6 +1,7 @@
 """A scan from files that people have: read, told what is what, paired, checked."""
 
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from glob import glob
 from pathlib import Path
@@ -16,11 +17,12 @@ from profilecal.scan.motion import checked_log
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.blocks import Block, Part, counted
-from profilecal_tool.importing.pair_profiles import pair_profiles
+from profilecal_tool.importing.pair_profiles import Times, pair_profiles
 from profilecal_tool.importing.questions import Layout, Question, one_or_ask
 from profilecal_tool.importing.read_file import is_known, tables_in_file
 from profilecal_tool.importing.robot_poses import pose_entries, poses_in, robot_poses
 from profilecal_tool.importing.scanner_profiles import (
+    Profiles,
     point_tables,
     read_profiles,
     with_a_point_a_row,
@@ -41,41 +43,67 @@ def import_scan(
     folder: str | Path, kind: str, sizes: dict, layout: Layout = NOTHING_SAID
 ) -> tuple[Scan, dict[str, str]]:
     """The scan of a target of these sizes, mm by name, in a folder of files; and what
-    was taken for granted, by option. Raises ScanError; Question where it is uncertain.
+    was taken for granted, by option, as all who are given `taken` write into it.
+
+    Raises ScanError; Question where it is uncertain.
     """
     folder, target = Path(folder), {"kind": kind} | sizes
     said = {"title": folder.resolve().name, "mount": layout.mount, "target": target}
     header, _ = check_header(folder, said)
     taken = {}
-    poses, names, values, beside = read_folder(folder, layout, taken)
+    poses, profiles, beside = read_folder(folder, layout, taken)
     poses, tool = of_one_tool(poses, beside, layout, taken)
     moves = (name for (name,) in said_in_program(poses, beside, "uses", ["name"]))
-    rows, log, taken["matched"] = pair_profiles(poses, names, moves, layout)
-    if not log:
-        order = np.argsort(rows, kind="stable")
-        order = order[rows[order] >= 0]
-        rows, names = rows[order], [names[k] for k in order]
-        values = [values[k] for k in order]
-        check_one_profile_a_pose(folder, rows, names, layout)
-    labels = counted(len(rows)) if log else names
-    entries = pose_entries(poses.at(rows), labels, layout, taken)
+    pairing = pair_profiles(poses, profiles.names, moves, layout)
+    taken["matched"] = pairing.how
+    rows = pairing.rows
+    if not pairing.times:
+        rows, profiles = of_poses_in_turn(rows, profiles)
+        check_one_profile_a_pose(folder, rows, profiles.names, layout)
+    entries = pose_entries(poses.at(rows), labels_of(rows, profiles), layout, taken)
     if tool is not None:
         entries = entries_of_flange(entries, poses, tool, layout)
-    if log:
-        entries = in_sweeps(folder, entries, *log)
-    measured = "points" if max(map(len, values)) == 1 else "profiles"
-    if measured == "profiles":  # one point is none
-        values = [one if len(one) > 1 else one[:0] for one in values]
-    entries = header | entries | {"measured": measured, "values": tuple(values)}
-    return scan_of(folder, entries), taken
+    if pairing.times:
+        entries = in_sweeps(folder, entries, pairing.times)
+    return scan_of(folder, header | entries | measured(profiles, taken)), taken
+
+
+def of_poses_in_turn(rows: ndarray, profiles: Profiles) -> tuple[ndarray, Profiles]:
+    """The rows of poses and the profiles in the order of the poses, of those profiles
+    that have one.
+    """
+    order = np.argsort(rows, kind="stable")
+    order = order[rows[order] >= 0]
+    names, points = ([own[k] for k in order] for own in profiles)
+    return rows[order], Profiles(names, points)
+
+
+def labels_of(rows: ndarray, profiles: Profiles) -> list[str]:
+    """Names of the poses: those of their profiles, or else numbers."""
+    numbers = counted(len(rows))
+    if len(rows) != len(profiles.names):  # a log has no profiles' names
+        return numbers
+    return [name or k for name, k in zip(profiles.names, numbers, strict=True)]
+
+
+def measured(profiles: Profiles, taken: dict[str, str]) -> dict[str, Any]:
+    """Entries of a Scan: what was measured, points or profiles, of which a point alone
+    is none.
+    """
+    names, points = profiles
+    if max(map(len, points)) == 1:
+        return {"measured": "points", "values": tuple(points)}
+    values = [own if len(own) > 1 else own[:0] for own in points]
+    empty = [n or str(k) for k, n in enumerate(names, 1) if not len(values[k - 1])]
+    if empty:
+        taken["missing"] += f"; empty: {listed(empty)}"
+    return {"measured": "profiles", "values": tuple(values)}
 
 
 def read_folder(
     folder: Path, layout: Layout, taken: dict[str, str]
-) -> tuple[Part, list[str], list[ndarray], list[Block]]:
-    """The robot's poses; the names of the profiles, and their points; and what all
-    files hold. Raises ScanError, Question.
-    """
+) -> tuple[Part, Profiles, list[Block]]:
+    """The robot's poses, the profiles, and all that files hold. Raises ScanError."""
     families = families_in(folder, layout)
     poses_called, profiles_called = which_hold_what(folder, families, layout)
     of_poses, of_profiles = families[poses_called], families[profiles_called]
@@ -83,21 +111,29 @@ def read_folder(
         path: blocks for files in families.values() for path, blocks in files.items()
     }
     beside = [block for blocks in every.values() for block in blocks]
-    columns = {"tool", "base", *(c.name for block in beside for c in block.others)}
-    if layout.where and layout.where.lower().partition("=")[0] not in columns:
-        sentence = f"no rows where {layout.where}; the columns are"
-        raise ScanError(f"{folder}: {sentence} {listed(sorted(columns))}")
+    check_where(folder, beside, layout.where)
     used = {*of_poses, *of_profiles, *(block.path for block in beside if block.robot)}
-    taken["left out"] = listed(p.name for p in every if p not in used) or "none"
+    unused = [path.name for path in every if path not in used]
+    taken["files left out"] = listed(unused) or "none"
     poses = robot_poses(of_poses, layout)
     rows = len(poses.block.table)
-    in_one = of_poses is of_profiles and len(of_poses) == 1
-    several = 0 if in_one else rows
-    names, values = read_profiles(of_profiles, several, layout, taken)
-    counts = [*map(len, values)]
-    if in_one and sum(counts) == rows:  # of one table: the pose of the first row
+    is_one_table = of_poses is of_profiles and len(of_poses) == 1
+    several = 0 if is_one_table else rows  # whose profiles may lie in one file
+    profiles = read_profiles(of_profiles, several, layout, taken)
+    counts = [*map(len, profiles.points)]
+    if is_one_table and sum(counts) == rows:  # the pose of each profile's first row
         poses = poses.at(np.cumsum([0, *counts[:-1]]))
-    return poses, names, values, beside
+    return poses, profiles, beside
+
+
+def check_where(folder: Path, blocks: Iterable[Block], where: str) -> None:
+    """Raise ScanError where the column of the rows wanted is in no table."""
+    columns = {"tool", "base"}
+    for block in blocks:
+        columns |= {name for c in block.others for name in (c.name, c.role)} - {""}
+    if where and where.lower().partition("=")[0] not in columns:
+        sentence = f"no rows where {where}; the columns are {listed(sorted(columns))}"
+        raise ScanError(f"{folder}: {sentence}")
 
 
 def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
@@ -126,65 +162,79 @@ def files_matching(folder: Path, pattern: str) -> list[Path]:
 
 
 def blocks_in(path: Path, layout: Layout) -> list[Block]:
-    """The tables in a file, of one with the column that was said the rows wanted, and
-    with a point in each row. Raises ScanError.
+    """The tables in a file, of the rows that are wanted, and with a point in each.
+
+    Raises ScanError.
     """
-    name, _, value = layout.where.lower().partition("=")
     blocks = tables_in_file(path, layout.encoding)
-    for k, block in enumerate(blocks):
-        for at in (column.at for column in block.others if column.name == name):
-            is_wanted = block.table[at].astype(str).str.lower() == value
+    blocks = [with_rows_wanted(block, layout.where) for block in blocks]
+    return [with_a_point_a_row(block, layout) for block in blocks]
+
+
+def with_rows_wanted(block: Block, where: str) -> Block:
+    """A block with the rows that are wanted, if it has the column. Raises ScanError."""
+    name, _, value = where.lower().partition("=")
+    if value in ("", "*"):
+        return block
+    for column in block.others:
+        if name in (column.name, column.role):
+            is_wanted = block.table[column.at].astype(str).str.lower() == value
             if not is_wanted.any():
-                raise ScanError(f"{path}: no rows where {layout.where}")
-            blocks[k] = block = replace(block, table=block.table[is_wanted])
-        blocks[k] = with_a_point_a_row(block, layout)
-    return blocks
+                raise ScanError(f"{block.path}: no rows where {where}")
+            block = replace(block, table=block.table[is_wanted])
+    return block
 
 
 def which_hold_what(
     folder: Path, families: dict[str, Files], layout: Layout
 ) -> tuple[str, str]:
-    """Which files hold the poses, and which the profiles. Raises Question."""
+    """Which files hold the poses, and which the profiles: as a user says, or else by
+    the tables in the first that has some. Raises ScanError, Question.
+    """
     first = {
-        name: next(filter(None, files.values()), []) for name, files in families.items()
+        name: next(filter(None, own.values()), []) for name, own in families.items()
     }
-    count = {name: len(families[name]) for name, blocks in first.items() if blocks}
-    names = sorted(count, key=count.get, reverse=True)
-    poses = [n for n in names if poses_in(first[n], layout.pose_columns)]
-    poses = [n for n in poses if n != layout.profiles]
-    others = [name for name in names if name not in poses]
+    names = sorted(filter(first.get, first), key=lambda n: -len(families[n]))
+    poses = [
+        name
+        for name in names
+        if name != layout.profiles and poses_in(first[name], layout.pose_columns)
+    ]
+    others = [name for name in names if name not in (*poses, layout.poses)]
     profiles = [name for name in others if point_tables(first[name], layout)]
-    profiles = [n for n in profiles if 2 * count[n] > count[profiles[0]]]
+    # those of half as many files are something else, such as a reference
+    profiles = [
+        n for n in profiles if 2 * len(families[n]) > len(families[profiles[0]])
+    ]
     unclear = [name for name in others if name not in profiles]
-    poses = [layout.poses] if layout.poses else poses or unclear[-1:]
+    poses = [layout.poses] if layout.poses else poses or unclear[-1:]  # of fewest files
     pose = one_or_ask(folder, poses, "holds the poses", "poses")
-    profiles = profiles or [name for name in unclear if name != pose][:1]
-    if not profiles and point_tables(first[pose], layout):
+    unclear = [name for name in unclear if name != pose]
+    if not profiles and not unclear and point_tables(first[pose], layout):
         profiles = [pose]
-    profiles = [layout.profiles] if layout.profiles else profiles
+    profiles = [layout.profiles] if layout.profiles else profiles or unclear[:1]
     return pose, one_or_ask(folder, profiles, "are the profiles", "profiles")
 
 
 def check_one_profile_a_pose(
-    folder: Path, rows: ndarray, names: list[str], layout: Layout
+    folder: Path, rows: ndarray, names: Sequence[str], layout: Layout
 ) -> None:
     """Raise Question where several profiles are of one pose, and no one said which."""
     again = np.flatnonzero(rows[1:] == rows[:-1])
     if len(again) and not layout.profiles:
         one, other = names[again[0]], names[again[0] + 1]
-        parts = [w for w in re.findall(r"[a-zA-Z]*\d+", one) if w not in other]
+        words = [w for w in re.findall(r"[a-zA-Z]*\d+", one) if w not in other]
         sentence = f"{one} and {other} are of one pose; which of them? (all: '*')"
-        raise Question(f"{folder}: {sentence}", profiles=f"*{[*parts, one][0]}*")
+        own = words[0] if words else one
+        raise Question(f"{folder}: {sentence}", profiles=f"*{own}*")
 
 
-def in_sweeps(
-    folder: Path, entries: dict[str, Any], t: ndarray, times: ndarray
-) -> dict[str, Any]:
-    """Entries of a Scan in motion, from those of the log's poses at times t (L,) and
-    the profiles' times (P,), s. Raises ScanError.
-    """
+def in_sweeps(folder: Path, entries: dict[str, Any], both: Times) -> dict[str, Any]:
+    """Entries of a Scan in motion, from those of the log's poses. Raises ScanError."""
+    times = both.profiles
     with naming(folder):
-        log = checked_log(t, entries["R_base_flange"], entries["p_base_flange"])
+        R, p = entries["R_base_flange"], entries["p_base_flange"]
+        log = checked_log(both.log, R, p)
         begins = np.diff(times, prepend=times[0]) > GAP * np.median(np.diff(times))
         sweeps = [f"s{number}" for number in np.cumsum(begins) + 1]
     moved = {"log": log, "times": times, "sweeps": tuple(sweeps)}

@@ -5,10 +5,10 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from profilecal.scan.conventions import CONVENTIONS, Convention
-from profilecal.scan.tables import naming
+from profilecal.scan.tables import ScanError, listed, naming
 from profilecal.scan.toml import TEXT, check_entries, one_of
 
 PATH = Path(__file__).with_name("makers.toml")
@@ -48,6 +48,19 @@ class Robot:
     tools_in: Annotated[str, TEXT] = "tool"
     unit: Annotated[str, one_of(LENGTH_UNITS)] = "mm"
     angle: Annotated[str, one_of(ANGLE_UNITS)] = ""
+
+
+def scale_of(
+    place: Any, units: set[str], usual: str, among: dict[str, float]
+) -> tuple[float, str]:
+    """The one unit of several columns, `among` those of lengths or of angles: its scale
+    to mm or degrees, and its name. Raises ScanError.
+    """
+    unit, *others = units or {usual}
+    if others or unit not in among:
+        sentence = f"the units are {listed(sorted(units))}; expected one of"
+        raise ScanError(f"{place}: {sentence} {listed(among)}")
+    return among[unit], unit
 
 
 def convention_of(roles: Iterable[str]) -> Convention | None:

@@ -58,7 +58,7 @@ def nested_tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:
         inner = cells.explode()
         if all(isinstance(cell, dict) for cell in inner):
             if len(table) > 1:
-                inner = [{"label": k + 1} | row for k, row in inner.items()]
+                inner = [{"nth": k} | row for k, row in inner.items()]
             yield from nested_tables(path, [*inner], title)
         else:
             arrays[title] = array_of_cells(title, cells)
@@ -69,11 +69,12 @@ def array_of_cells(title: str, cells: Series) -> ndarray:
     """The cells of a column; lists as further dimensions, with NaN where some end, a
     long one by itself.
     """
-    if not all(isinstance(cell, list) for cell in cells):
+    if not any(isinstance(cell, list) for cell in cells):
         return cells.to_numpy()
+    missing = zip(cells, cells.isna(), strict=True)
     try:
-        lists = [np.array(cell, dtype=float) for cell in cells]
-        nothing = np.full(lists[0].shape[1:], np.nan)
+        lists = [np.array([] if is_missing else c, float) for c, is_missing in missing]
+        nothing = np.full(max(lists, key=np.ndim).shape[1:], np.nan)
         array = np.array([*zip_longest(*lists, fillvalue=nothing)]).swapaxes(0, 1)
     except (TypeError, ValueError):
         return cells.astype(str).to_numpy()

@@ -2,6 +2,8 @@
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
@@ -20,41 +22,91 @@ UNITS_S = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 STILL = 1e-4  # of the largest number: by so little a robot at rest differs
 A_MOMENT_S = 0.5  # poses in such a time are no stops
 
-# rows (P,) of the poses, -1: none; in motion all (L,), as time goes on, with times (L,)
-# of poses and (P,) of profiles; and how
-Pairing = tuple[ndarray, tuple[ndarray, ndarray] | None, str]
+
+class Times(NamedTuple):
+    """Of a robot's log, as time goes on, and of profiles; s."""
+
+    log: ndarray  # (L,)
+    profiles: ndarray  # (P,)
+
+
+class Pairing(NamedTuple):
+    """The pose of each profile; or, in motion, the poses of the log by time."""
+
+    rows: ndarray  # (P,) of the table of poses, -1: none; or (L,)
+    how: str
+    times: Times | None = None  # in motion
 
 
 def pair_profiles(
     poses: Part, names: Sequence[str], moves: Iterable[str], layout: Layout
 ) -> Pairing:
-    """The pose of each profile; `moves`: the poses' names as a program moves to them.
+    """The pose of each profile, by its name, "" where it has none; `moves`: the poses'
+    names as a program moves to them.
 
     Raises ScanError.
     """
     if layout.times:
-        start, rate = layout.times
-        if not rate > 0:
-            raise ScanError(f"--times: {rate:g} profiles a second; expected some")
-        names = [f"{start + k / rate:.6f}" for k in range(len(names))]
-    labels = [*poses.labels.values(), []][0]
+        names = times_at_a_rate(len(names), *layout.times)
+    labels = next(iter(poses.labels.values()), [])
     driven = [labels.index(name) for name in dict.fromkeys(moves) if name in labels]
-    order = np.array(driven or range(len(poses.block.table)))
-    found = paired_by_label(poses, names) or paired_by_time(poses, names)
-    if not found and len(names) == len(order):
-        found = order, None, "in order of the moves" if driven else "in order"
+    found = paired_by_label(poses, names)
     if not found:
-        counts = f"{len(names)} profiles for {len(order)} poses"
-        sentence = f"{counts}, and no label or time that both have; add a column"
-        hint = "or say which files: --profiles, or when they were taken: --times"
-        raise ScanError(f"{poses.path}: {sentence}, {hint}")
-    rows, log, how = found
-    lost = [name for name, row in zip(names, rows, strict=False) if row < 0]
-    without = {*range(len(labels))} - {*rows}
-    idle = [labels[row] for row in without]
+        times = times_of(poses, names)
+        found = paired_by_time(poses, times) if times else None
+    if not found:
+        found = paired_in_order(poses, driven, names, times)
+    if found.times:
+        return found
+    lost = [name for name, row in zip(names, found.rows, strict=True) if row < 0]
+    served, how = {*found.rows}, found.how
+    idle = [label for row, label in enumerate(labels) if row not in served]
     for what, left in (("pose", lost), ("profile", idle)):
         how += f"; left out, without a {what}: {listed(left)}" if left else ""
-    return rows, log, how
+    return found._replace(how=how)
+
+
+def times_at_a_rate(count: int, start: float, rate: float) -> list[str]:
+    """When profiles were taken, s. Raises ScanError."""
+    if not rate > 0:
+        raise ScanError(f"--times: {rate:g} profiles a second; expected some")
+    return [f"{start + k / rate:.6f}" for k in range(count)]
+
+
+def paired_in_order(
+    poses: Part, driven: Sequence[int], names: Sequence[str], times: Times | None
+) -> Pairing:
+    """The poses as moves come to them, or as they are listed. Raises ScanError where
+    there are not as many profiles, or where numbers of poses say another order.
+    """
+    rows = np.array(driven or range(len(poses.block.table)))
+    if len(names) != len(rows):
+        counts = f"{len(names)} profiles for {len(rows)} poses"
+        sentence = f"{counts}, and no label or time that both have; add a column"
+        hint = "or say which files: --profiles, or when they were taken: --times"
+        if times:
+            begins = [f"{own.min():.12g}" for own in times]
+            hint += f" (the log begins at {begins[0]} s, the profiles at {begins[1]})"
+        raise ScanError(f"{poses.path}: {sentence}, {hint}")
+    for column in poses.block.having("label"):
+        cells = poses.block.table[column.at].astype(str)
+        numbers = [number for number in map(cell_number, cells) if number < np.inf]
+        if not driven and (np.diff(numbers) < 0).any():
+            title = poses.block.title(column.at)
+            sentence = f"{title} goes up and down, and profiles have no such number"
+            raise ScanError(f"{poses.path}: {sentence}; sort the rows, or name files")
+    return Pairing(rows, "in order of the moves" if driven else "in order")
+
+
+class Match(NamedTuple):
+    """Which poses have the labels that profiles have."""
+
+    rows: ndarray  # (P,) -1: none
+    how: str
+    title: str
+    keys: Sequence  # of the poses
+    is_whole: bool  # by more than one number in the names
+    share: float  # of the poses that have a profile, or of profiles that have a pose
 
 
 def paired_by_label(poses: Part, names: Sequence[str]) -> Pairing | None:
@@ -63,31 +115,42 @@ def paired_by_label(poses: Part, names: Sequence[str]) -> Pairing | None:
 
     Raises ScanError where two serve as many and differ, and where a label stands twice.
     """
-    found, most = [], (False, 0.5)
+    matches = []
     for title, labels in poses.labels.items():
         for how, keys, wanted in ways_to_compare(labels, names):
             row_of = {key: row for row, key in enumerate(keys)}
             rows = np.array([row_of.get(one, -1) for one in wanted])
             served = len({*rows} - {-1}) / len(row_of)
-            part = ("number " not in how, min((rows >= 0).mean(), served))
-            if part[1] > 0.5 and part >= most:
-                found = found if part == most else []
-                found.append((rows, how, title, keys))
-                most = part
-    if not found:
+            share = min((rows >= 0).mean(), served)
+            if share > 0.5:
+                is_whole = not how.startswith("number ")
+                matches.append(Match(rows, how, title, keys, is_whole, share))
+    if not matches:
         return None
-    rows, how, title, keys = found[0]
-    for others, way, other, _ in found[1:]:
-        if (others != rows).any():
-            name = names[np.argmax(others != rows)]
-            words = f"by {title} and the {how} or by {other} and the {way}"
+    best = max(matches, key=attrgetter("is_whole", "share"))
+    for other in matches:
+        is_as_good = (other.is_whole, other.share) == (best.is_whole, best.share)
+        differs = other.rows != best.rows
+        if is_as_good and differs.any():
+            ways = [f"by {one.title} and the {one.how}" for one in (best, other)]
+            sentence = f"which pose has {names[differs.argmax()]}: {' or '.join(ways)}?"
             hint = "Rename the profiles' files, or --pose-columns: _ for other columns"
-            raise ScanError(f"{poses.path}: which pose has {name}: {words}? {hint}")
-    again = Series(keys).duplicated(keep=False).to_numpy()[rows] & (rows >= 0)
+            raise ScanError(f"{poses.path}: {sentence} {hint}")
+    check_none_is_twice(poses, names, best)
+    return Pairing(best.rows, f"by the {best.how}")
+
+
+def check_none_is_twice(poses: Part, names: Sequence[str], match: Match) -> None:
+    """Raise ScanError where two poses have the label of a profile."""
+    twice = Series(match.keys).duplicated(keep=False).to_numpy()
+    again = twice[match.rows] & (match.rows >= 0)
     if again.any():
-        sentence = f"two poses have the {title} of profile {names[again.argmax()]}"
-        raise ScanError(f"{poses.path}: {sentence}; leave one out")
-    return rows, None, f"by the {how}"
+        profile = again.argmax()
+        key = match.keys[match.rows[profile]]
+        own = [row for row, one in enumerate(match.keys) if one == key]
+        lines = " and ".join(map(str, poses.block.table.index[own]))
+        sentence = f"two poses have the {match.title} of profile {names[profile]}"
+        raise ScanError(f"{poses.path} lines {lines}: {sentence}; leave one out")
 
 
 def ways_to_compare(
@@ -95,28 +158,32 @@ def ways_to_compare(
 ) -> Iterator[tuple[str, list, Sequence]]:
     """How, with what labels have, and what names want: whole names, without folder and
     ending, if they are more than numbers; all numbers, as in 2_07; or the last number
-    of the labels and each in the names, counted from 0 and from 1 if all fit so.
+    of the labels and each in the names, counted from 0 and from 1 if all fit only so.
     """
-    keys, wanted = (
-        [re.sub(r".*[/\\]|\.[a-z]\w*$", "", text.lower()) for text in texts]
-        for texts in (labels, names)
-    )
+    wanted = [*map(stem_of, names)]
     if not "".join(wanted).isdigit():
-        yield "names", keys, wanted
-    of_labels, of_names = (
-        [(*map(int, re.findall(r"\d+", STAMP.sub("", text))),) for text in texts]
-        for texts in (labels, names)
-    )
+        yield "names", [*map(stem_of, labels)], wanted
+    of_labels, of_names = [*map(numbers_in, labels)], [*map(numbers_in, names)]
     if max(map(len, of_labels)) > 1:
         yield "numbers in the names", of_labels, of_names
-    keys = [[None, *numbers][-1] for numbers in of_labels]
+    last = [numbers[-1] if numbers else None for numbers in of_labels]
     for k, wanted in enumerate(zip(*of_names, strict=False), 1):
-        shift = (0 in wanted) - (0 in keys)
+        shift = (0 in wanted) - (0 in last)
         shifted = [one + shift for one in wanted]
-        if shift and {*shifted} <= {*keys}:
-            yield f"number {k} in the names, from 0 and from 1", keys, shifted
+        if {*shifted} <= {*last} and not {*wanted} <= {*last}:
+            yield f"number {k} in the names, from 0 and from 1", last, shifted
         else:
-            yield f"number {k} in the names", keys, wanted
+            yield f"number {k} in the names", last, wanted
+
+
+def stem_of(text: str) -> str:
+    """A file's name without folder and ending, in small letters."""
+    return re.sub(r".*[/\\]|\.[a-z]\w*$", "", text.lower())
+
+
+def numbers_in(text: str) -> tuple[int, ...]:
+    """All numbers in a name but those of a date and time."""
+    return tuple(map(int, re.findall(r"\d+", STAMP.sub("", text))))
 
 
 def time_said(text: str) -> float:
@@ -135,34 +202,48 @@ def time_said(text: str) -> float:
     return value
 
 
-def paired_by_time(poses: Part, names: Sequence[str]) -> Pairing | None:
+def times_of(poses: Part, names: Sequence[str]) -> Times | None:
+    """The times of poses and profiles, if all have some, in the unit of the poses."""
+    for column in poses.block.having("time", "t"):
+        unit = UNITS_S.get(column.unit, 1.0)
+        log = seconds(poses.block.table[column.at].astype(str), unit)
+        profiles = seconds(names, unit)
+        is_complete = np.isfinite(log).all() and np.isfinite(profiles).all()
+        return Times(log, profiles) if is_complete else None
+    return None
+
+
+def seconds(texts: Iterable[str], unit: float) -> ndarray:
+    """The times that texts say, s."""
+    return (np.array([*map(time_said, texts)]) * unit).round(9)
+
+
+def paired_by_time(poses: Part, times: Times) -> Pairing | None:
     """The poses nearest in time, of a log only those where the robot stands still; or
     the log, where profiles were taken as the robot moved.
     """
-    columns = poses.block.having("time", "t")
-    if not columns:
+    if len(times.log) < 2:
         return None
-    cells, unit = poses.block.table[columns[0].at], UNITS_S.get(columns[0].unit, 1.0)
-    t = np.array([time_said(str(cell)) * unit for cell in cells]).round(9)
-    times = np.array([time_said(name) * unit for name in names]).round(9)
-    if len(t) < 2 or not np.isfinite([*t, *times]).all():
+    order = np.argsort(times.log, kind="stable")
+    t = times.log[order]
+    step = np.median(np.diff(t))
+    after = np.clip(np.searchsorted(t, times.profiles), 1, len(t) - 1)
+    before = after - 1
+    is_after = np.abs(t[after] - times.profiles) < np.abs(t[before] - times.profiles)
+    nearest = np.where(is_after, after, before)
+    apart = np.abs(t[nearest] - times.profiles)
+    is_near = apart <= step
+    if is_near.mean() < 0.5:
         return None
-    order = np.argsort(t, kind="stable")
-    t, step = t[order], np.median(np.diff(t[order]))
-    after = np.clip(np.searchsorted(t, times), 1, len(t) - 1)
-    apart = np.abs(t[[after - 1, after]] - times)
-    rows = order[after - 1 + apart.argmin(axis=0)]
-    near = apart.min(axis=0) <= step
-    if near.mean() < 0.5:
-        return None
-    still = stands_still(poses, order[after - 1], order[after])
-    if step <= A_MOMENT_S and still[near].mean() < 0.5:
-        return order, (t, times), "by time, in motion"
+    still = stands_still(poses, order[before], order[after])
+    if step <= A_MOMENT_S and still[is_near].mean() < 0.5:
+        return Pairing(order, "by time, in motion", times._replace(log=t))
     how = "by time"
-    if len(t) > 2 * len(names):
-        near, how = near & still, "by time, where the robot stands still"
-    largest = apart.min(axis=0)[near].max(initial=0)
-    return np.where(near, rows, -1), None, f"{how}, up to {largest:.2g} s apart"
+    if len(t) > 2 * len(times.profiles):
+        is_near, how = is_near & still, "by time, where the robot stands still"
+    largest = apart[is_near].max(initial=0)
+    rows = np.where(is_near, order[nearest], -1)
+    return Pairing(rows, f"{how}, up to {largest:.2g} s apart")
 
 
 def stands_still(poses: Part, before: ndarray, after: ndarray) -> ndarray:

@@ -22,9 +22,9 @@ def expression_of(line: str) -> re.Pattern:
     """The expression for a line of makers.toml."""
     line = re.sub(r"\s*([^\w\s$…⋮])\s*", r"\1", line)
     parts = [r"(?<!\w)" if line[0].isalnum() else ""]
-    for token in re.findall(r"\$\w+|\w+|\s+|.", line):
-        if token[0] == "$":
-            name = token[1:]
+    for token in re.findall(r"\$[a-z]\w*|\w+|\s+|.", line):
+        name = token[1:]
+        if token[0] == "$" and name:
             cell = WORD if name in ("name", "tool", "base") else CELL
             parts.append(f"(?P<{name}>{cell})")
         elif token.isspace():
@@ -64,17 +64,23 @@ def matches_of(lines: Sequence[str], text: str) -> tuple[DataFrame, str]:
 def program_blocks(path: Path, text: str) -> Iterator[Block]:
     """The tools, poses and uses in a program, of each maker that writes such lines."""
     for maker, robot in ROBOTS.items():
-        rest, tables = text, {}
-        if robot.remark:
-            begin, *end = map(re.escape, robot.remark.split())
-            ends = rf"{end[0]}|\Z" if end else "$"
-            rest = blanked(rf"(?ms){begin}.*?({ends})", text)
-        kinds = ("base", "tool", "uses", "pose") if robot.has in text else ("tool",)
+        rest = without_remarks(text, robot.remark)
+        has_poses = robot.has in text
+        kinds = ("base", "tool", "uses", "pose") if has_poses else ("tool",)
         for kind in kinds:
-            tables[kind], others = matches_of(getattr(robot, kind), rest)
-            rest = rest if kind == "uses" else others  # a line may be both
-        for kind, table in tables.items():
+            table, others = matches_of(getattr(robot, kind), rest)
+            if kind != "uses":  # a move that has a tool may have a pose in it too
+                rest = others
             if len(table):
                 titles = [*table.columns]
                 table = table.set_axis(range(len(titles)), axis=1)
                 yield Block(path, table, titles, maker, maker, kind)
+
+
+def without_remarks(text: str, remark: str) -> str:
+    """A text with blanks where its remarks stand."""
+    if not remark:
+        return text
+    begin, *end = map(re.escape, remark.split())
+    ends = rf"{end[0]}|\Z" if end else "$"
+    return blanked(rf"(?ms){begin}.*?({ends})", text)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from profilecal.scan.folder import read_header, write_scan
 from profilecal.scan.scan import MOUNTS, Scan
-from profilecal.scan.tables import ScanError, listed, new_folder, remove
+from profilecal.scan.tables import ScanError, new_folder, remove
 from profilecal.scan.toml import (
     TEXT,
     check_entries,
@@ -32,9 +32,9 @@ class Question(ScanError):
         self.answer = answer
 
 
-Two = Annotated[Sequence[float] | None, numbers(2)]
-Six = Annotated[Sequence[float] | None, numbers(6)]
-Height = Annotated[float | None, number(-1e10, 1e10)]
+TwoNumbers = Annotated[Sequence[float] | None, numbers(2)]
+SixNumbers = Annotated[Sequence[float] | None, numbers(6)]
+OneNumber = Annotated[float | None, number(-1e10, 1e10)]
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,14 @@ class Layout:
     poses: str = ""  # which files hold the robot's poses
     pose_columns: str = ""  # what its columns are: "x [m],y [m],z [m],w,p,r,_"
     entry: str = ""  # which pose or list of several
-    tool: Six = None  # that poses are of: mm, and angles
+    tool: SixNumbers = None  # that poses are of: mm, and angles
     profiles: str = ""  # which files are profiles, a pattern
     columns: str = ""  # of x and z: names, or numbers from 1, with units
     where: str = ""  # which rows: "sensor=0"
-    x: Two = None  # of z alone: start and pitch
-    times: Two = None  # of profiles in motion: start, rate
+    x: TwoNumbers = None  # of z alone: start and pitch
+    times: TwoNumbers = None  # of profiles in motion: start, rate
     unit: str = ""  # of profiles
-    missing: Height = None  # z where nothing was seen
+    missing: OneNumber = None  # z where nothing was seen
     encoding: str = ""  # of text
     mount: str = MOUNTS[0]
 
@@ -61,22 +61,9 @@ def one_or_ask(place: Any, names: Sequence[str], what: str, option: str) -> str:
     if not names:
         raise ScanError(f"{place}: no file {what}; --{option} FILES says which")
     if len(names) > 1:
-        several = " or ".join(names)
+        several = " or ".join(names[:3]) + ", …" * (len(names) > 3)
         raise Question(f"{place}: which {what}: {several}?", **{option: names[0]})
     return names[0]
-
-
-def scale_of(
-    place: Any, units: set[str], usual: str, among: dict[str, float]
-) -> tuple[float, str]:
-    """The one unit of several columns, `among` those of lengths or of angles: its scale
-    to mm or degrees, and its name. Raises ScanError.
-    """
-    unit, *others = units or {usual}
-    if others or unit not in among:
-        sentence = f"the units are {listed(sorted(units))}; expected one of"
-        raise ScanError(f"{place}: {sentence} {listed(among)}")
-    return among[unit], unit
 
 
 def read_answers(folder: Path) -> dict[str, Any]:

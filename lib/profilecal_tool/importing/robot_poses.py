@@ -9,13 +9,15 @@ import numpy as np
 import pandas
 from pandas import DataFrame
 
-from profilecal.scan.conventions import CONVENTIONS
+from profilecal.scan.conventions import CONVENTIONS, named
 from profilecal.scan.folder import check_poses
 from profilecal.scan.tables import ScanError, Table, listed
 from profilecal_tool.importing.blocks import (
+    XYZ,
     Block,
     Column,
     Part,
+    column_titled,
     counted,
     is_of_other,
     parts_called,
@@ -26,17 +28,13 @@ from profilecal_tool.importing.makers import (
     ROBOTS,
     WORDS,
     convention_of,
-)
-from profilecal_tool.importing.questions import (
-    Layout,
-    Question,
     scale_of,
 )
+from profilecal_tool.importing.questions import Layout, Question
 from profilecal_tool.importing.read_file import names_of
 
 FARTHEST_M = 20.0  # no robot reaches so far; a position in mm is farther somewhere
 KINDS = "w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector; o,a,t; qw,qx,qy,qz"
-QUATERNION, _, _, ANGLES, *_ = (convention.columns for convention in CONVENTIONS)
 OF_ANGLES = {name for one in CONVENTIONS if one.sequence for name in one.columns}
 
 
@@ -58,68 +56,85 @@ def poses_in(blocks: Iterable[Block], said: str) -> list[Part]:
 
 def robot_poses(files: Mapping[Path, list[Block]], layout: Layout) -> Part:
     """The robot's poses in files. Raises ScanError; Question where it is uncertain."""
-    parts, paths = [], []
+    parts = []
     for path, blocks in files.items():
         found = poses_in(blocks, layout.pose_columns)
         if not found:
             raise question_on_file(path, blocks, layout.pose_columns)
-        own = parts_called(found, layout.entry, "flange", "is the robot's pose")
-        parts += own
-        paths += [path] * len(own)
+        parts += parts_called(found, layout.entry, "flange", "is the robot's pose")
     first = parts[0]
-    called = f"{first.path.name} {first.name}".strip()
-    if is_of_other(first.name) and not layout.entry:
-        sentence = f"poses are of {first.name}; are they the flange's?"
-        raise Question(f"{path}: {sentence}", entry=first.name)
-    if any(word in called.lower() for word in WORDS["inverse"]):
-        sentence = "is called as the inverse of a pose: invert it, or rename it"
-        raise ScanError(f"{first.path.parent}: {called} {sentence}")
+    check_of_robot(first, layout.entry)
     titles = first.block.titles
     for part in parts:
         if part.block.titles != titles:
             found = listed(part.block.titles)
             raise ScanError(f"{part.path}: columns {found}, where others differ")
     table = pandas.concat([part.block.table for part in parts])
-    if len({*paths}) > 1:
+    if len(files) > 1:
+        name_of = dict(zip(files, names_of([*files]), strict=True))
         counts = [len(part.block.table) for part in parts]
-        table[len(titles)] = np.repeat(names_of(paths), counts)
+        table[len(titles)] = np.repeat([name_of[part.path] for part in parts], counts)
         titles = [*titles, "file"]
     return replace(first, block=replace(first.block, table=table, titles=titles))
 
 
+def check_of_robot(poses: Part, entry: str) -> None:
+    """Raise Question where poses may be of something else than the robot, ScanError
+    where their name says that they are inverses.
+    """
+    if is_of_other(poses.name) and not entry:
+        sentence = f"poses are of {poses.name}; are they the flange's?"
+        raise Question(f"{poses.path}: {sentence}", entry=poses.name)
+    called = f"{poses.path.name} {poses.name}".strip()
+    if any(word in called.lower() for word in WORDS["inverse"]):
+        sentence = "is called as the inverse of a pose: invert it, or rename it"
+        raise ScanError(f"{poses.path.parent}: {called} {sentence}")
+
+
 def question_on_file(path: Path, blocks: Sequence[Block], said: str) -> ScanError:
     """Why there are no poses in a file."""
-    largest = max(blocks, key=lambda block: len(block.table), default=None)
-    if largest is None or any(block.having("joint") for block in blocks):
+    if not blocks or any(block.having("joint") for block in blocks):
         return ScanError(f"{path}: no poses; joint angles are none: export Cartesian")
+    likely = max(blocks, key=lambda block: (has_position(block), len(block.table)))
     if said:
-        titles = listed(largest.titles)
-        return ScanError(f"{path}: columns {titles}; --pose-columns says {said}")
-    return question_on_columns(largest, "what are they?", largest.columns)
+        titles = [title for title in said.split(",") if title.strip() != "_"]
+        unknown = [title for title in titles if not column_titled(0, title).role]
+        sentence = f"columns {listed(likely.titles)}; --pose-columns says {said}"
+        hint = f"; not known: {listed(unknown)} ({KINDS})" if unknown else ""
+        return ScanError(f"{path}: {sentence}{hint}")
+    return question_on_columns(likely, "what are they?", likely.columns)
+
+
+def has_position(block: Block) -> bool:
+    """Whether columns are x, y and z."""
+    return len({column.role for column in block.columns}.intersection(XYZ)) == 3
 
 
 def question_on_columns(
     block: Block, sentence: str, columns: Sequence[Column]
-) -> Question:
+) -> ScanError:
     """What columns of poses are, by an answer that may be right: what is missing stands
     in the columns of numbers that are not known, in the usual order.
     """
+    sentence = f"{block.path}: columns {listed(block.titles)}; {sentence} ({KINDS})"
     numeric = block.table.select_dtypes("number")
     free = [column.at for column in columns if not column.role and column.at in numeric]
     roles = {column.role for column in columns}
-    wanted = [axis for axis in "xyz" if axis not in roles]
+    wanted = [axis for axis in XYZ if axis not in roles]
     if not convention_of(roles):
-        wanted += QUATERNION if len(free) - len(wanted) == 4 else ANGLES
+        has_four = len(free) - len(wanted) == 4
+        wanted += named("quaternion" if has_four else "FANUC angles").columns
+    if len(wanted) > len(free):
+        return ScanError(sentence)
     guessed = dict(zip(free, wanted, strict=False))
     turns = [c.at for c in columns if guessed.get(c.at, c.role) in OF_ANGLES]
-    angles = numeric.filter(turns).abs().to_numpy()
-    small = "rad" if angles.max(initial=0) <= 2 * np.pi else ""
+    largest = numeric.filter(turns).abs().to_numpy().max(initial=0)
+    small = "rad" if largest <= 2 * np.pi else ""
     titles = []
     for column in columns:
         unit = column.unit or (small if column.at in turns else "")
-        name = guessed.get(column.at, column.name)
+        name = guessed.get(column.at, column.name) or "_"
         titles.append(f"{name} [{unit}]" if unit else name)
-    sentence = f"{block.path}: columns {listed(block.titles)}; {sentence} ({KINDS})"
     return Question(sentence, pose_columns=",".join(titles))
 
 
@@ -140,24 +155,31 @@ def angle_of(poses: Part, layout: Layout) -> tuple[float, str]:
     turn, robot = poses.convention, ROBOTS.get(poses.block.robot)
     if turn.name in ("quaternion", "matrix"):
         return 1.0, ""
-    is_vector, units = not turn.sequence, poses.units(turn.columns)
-    numbers, columns = poses.numbers(turn.columns), poses.block.columns
-    doubt = ""
-    if is_vector and not layout.pose_columns and units - {"rad"}:
-        doubt = f"are they a vector in {listed(units)}?"
-    elif not units:
-        largest = np.linalg.norm(numbers, axis=1).max()
-        if largest > np.pi if is_vector else np.abs(numbers).max() <= 2 * np.pi:
-            doubt = f"angles up to {np.abs(numbers).max():.4g}; which, rad or deg?"
-    if doubt and not robot:
-        if is_vector:  # most often it is none
-            unknown = poses.columns.values()
-            columns = [c._replace(role=c.role * (c not in unknown)) for c in columns]
+    usual, units = "deg" if turn.sequence else "rad", poses.units(turn.columns)
+    if robot:
+        units = {robot.angle} - {""}
+    elif doubt := doubt_of_angles(poses, units, layout):
+        columns = poses.block.columns
+        if not turn.sequence:  # most often they are no vector
+            own = {column.at for column in poses.columns.values()}
+            columns = [c._replace(role="") if c.at in own else c for c in columns]
         raise question_on_columns(poses.block, doubt, columns)
-    usual = "rad" if is_vector else "deg"
-    units = {robot.angle} - {""} if robot else units
     scale, unit = scale_of(poses.path, units, usual, ANGLE_UNITS)
     return scale / ANGLE_UNITS[usual], f", {unit}"
+
+
+def doubt_of_angles(poses: Part, units: set[str], layout: Layout) -> str:
+    """What speaks against angles in degrees, or a vector in radians; "" for nothing."""
+    is_vector = not poses.convention.sequence
+    if is_vector and not layout.pose_columns and units - {"rad"}:
+        return f"are they a vector in {listed(units)}?"
+    if units:
+        return ""
+    numbers = poses.numbers(poses.convention.columns)
+    largest = np.abs(numbers).max()
+    is_too_large = np.linalg.norm(numbers, axis=1).max() > np.pi
+    is_odd = is_too_large if is_vector else largest <= 2 * np.pi
+    return f"angles up to {largest:.4g}; which, rad or deg?" if is_odd else ""
 
 
 def pose_entries(
@@ -167,16 +189,18 @@ def pose_entries(
 
     Raises ScanError.
     """
-    turn = poses.convention
+    turn, positions = poses.convention, poses.numbers(XYZ)
     (length, unit), (angle, of_angle) = length_of(poses), angle_of(poses, layout)
     angles = poses.numbers(turn.columns) * angle
-    columns = dict(zip("xyz", poses.numbers("xyz").T, strict=True))
+    columns = dict(zip(XYZ, positions.T, strict=True))
     columns |= zip(turn.columns, angles.T, strict=True)
     others = listed(p.name for p in poses.block.poses.values() if p.name != poses.name)
     beside = f", not {others}" if others else ""
     name = "poses" if poses.name in ("", "pose") else poses.name
     words = f"{len(labels)} {name}{beside} in {unit}{of_angle}"
-    taken["poses"] = f"{poses.path.name}: {words}"
+    low = (length * positions.min(axis=0)).round(1)
+    high = (length * positions.max(axis=0)).round(1)
+    taken["poses"] = f"{poses.path.name}: {words}: {low.tolist()} to {high.tolist()} mm"
     taken["pose_columns"] = f"{', '.join(poses.columns)}: {turn.meaning}"
     lines = [*poses.block.table.index]
     return check_poses(Table(poses.path, {"pose": labels} | columns, lines), length)

@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas
@@ -14,18 +15,14 @@ from profilecal.scan.tables import ScanError, cell_number, listed
 from profilecal_tool.importing.blocks import (
     FEWEST,
     Block,
+    Column,
     Part,
     column_titled,
     label_of,
     parts_called,
 )
-from profilecal_tool.importing.makers import LENGTH_UNITS, UNIT_OF_CODE
-from profilecal_tool.importing.questions import (
-    Layout,
-    Question,
-    one_or_ask,
-    scale_of,
-)
+from profilecal_tool.importing.makers import LENGTH_UNITS, UNIT_OF_CODE, scale_of
+from profilecal_tool.importing.questions import Layout, Question, one_or_ask
 from profilecal_tool.importing.read_file import decoded_text, names_of
 from profilecal_tool.importing.text_tables import BEGIN
 
@@ -35,6 +32,13 @@ X_ABOVE = (
     r"x[ _-]?(?:start|offset|origin)[^-+.\d\n]*([-+]?\d+(?:[.,]\d+)?)",
     r"x[ _-]?(?:pitch|resolution|interval|step)[^-+.\d\n]*([-+]?\d+(?:[.,]\d+)?)",
 )
+
+
+class Profiles(NamedTuple):
+    """The profiles in files."""
+
+    names: list[str]  # "" for those without
+    points: list[ndarray]  # of each (n, 2), mm; NaN where nothing was seen
 
 
 def with_a_point_a_row(block: Block, layout: Layout) -> Block:
@@ -47,22 +51,31 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     if block.having("axis"):
         raise ScanError(f"{block.path}: rows of x and of z in turn; export points")
     heights = block.numbers(z, blank=True)
-    places = np.array([cell_number(column.name) for column in z])
-    if len(x) == len(z):
-        places = block.numbers(x, blank=True)
-    elif block.is_bare or not np.isfinite(places).all():
-        start, pitch = layout.x or x_above(block.path, layout.encoding)
-        places = start + pitch * np.arange(len(z))
+    places = np.broadcast_to(places_of(block, x, z, layout), heights.shape)
     beside = block.table.drop(columns=[column.at for column in (*x, *z)])
-    titles = [*(block.titles[at] for at in beside), "profile", "x", "z"]
+    titles = [*(block.titles[at] for at in beside), "nth", "x", "z"]
     table = beside.loc[beside.index.repeat(len(z))].assign(
-        profile=np.arange(len(heights)).repeat(len(z)) + 1,
-        x=np.broadcast_to(places, heights.shape).ravel(),
+        nth=np.arange(len(heights)).repeat(len(z)),
+        x=places.ravel(),
         z=heights.ravel(),
     )
-    return replace(
-        block, table=table.set_axis(range(len(titles)), axis=1), titles=titles
-    )
+    table.columns = range(len(titles))
+    return replace(block, table=table, titles=titles)
+
+
+def places_of(
+    block: Block, x: Sequence[Column], z: Sequence[Column], layout: Layout
+) -> ndarray:
+    """Where along x the columns of heights are: in columns of their own, in titles, or
+    by a start and a pitch. Raises ScanError.
+    """
+    if len(x) == len(z):
+        return block.numbers(x, blank=True)
+    places = np.array([cell_number(block.titles[column.at]) for column in z])
+    if np.isfinite(places).all() and not block.is_bare:
+        return places
+    start, pitch = layout.x or x_above(block.path, layout.encoding)
+    return start + pitch * np.arange(len(z))
 
 
 def x_above(path: Path, encoding: str) -> list[float]:
@@ -80,17 +93,14 @@ def points_in(block: Block, said: str) -> Part | None:
 
     Raises Question.
     """
-    pairs = {}
-    for x in block.having("x"):
-        for z in block.having("z"):
-            if x.owner == z.owner:
-                pairs[f"{block.title(x.at)},{block.title(z.at)}"] = [x, z]
+    pairs = {
+        f"{block.title(x.at)},{block.title(z.at)}": [x, z]
+        for x in block.having("x")
+        for z in block.having("z")
+        if x.owner == z.owner
+    }
     if said:
-        columns = {str(c.at + 1): c for c in block.columns}
-        columns |= {c.name: c for c in block.columns}
-        titles = [column_titled(0, title) for title in said.split(",")]
-        named = [(columns[t.name], t.unit) for t in titles if t.name in columns]
-        pair = [column._replace(unit=unit or column.unit) for column, unit in named]
+        pair = columns_called(block, said)
         pairs = {said: pair} if len(pair) == 2 else {}
     if not pairs or (len(pairs) > 1 and len(block.table) < 2):
         return None
@@ -99,6 +109,17 @@ def points_in(block: Block, said: str) -> Part | None:
         raise ScanError(f"--columns {said}: x and z are one column")
     name = block.name or x.owner or ",".join(block.titles[:4])
     return Part(block, name, {"x": x, "z": z})
+
+
+def columns_called(block: Block, said: str) -> list[Column]:
+    """The columns of a block by their titles or numbers, of those that are there; with
+    the units that are said.
+    """
+    known = {str(column.at + 1): column for column in block.columns}
+    known |= {column.name: column for column in block.columns}
+    titles = [column_titled(0, title) for title in said.split(",")]
+    found = [(known[t.name], t.unit) for t in titles if t.name in known]
+    return [column._replace(unit=unit or column.unit) for column, unit in found]
 
 
 def point_tables(blocks: Iterable[Block], layout: Layout) -> list[Part]:
@@ -117,55 +138,78 @@ def point_tables(blocks: Iterable[Block], layout: Layout) -> list[Part]:
 
 def read_profiles(
     files: Mapping[Path, list[Block]], poses: int, layout: Layout, taken: dict[str, str]
-) -> tuple[list[str], list[ndarray]]:
-    """The profiles in files, one in each, or those of so many poses in one: names, and
-    points (n, 2), mm. Raises ScanError.
+) -> Profiles:
+    """The profiles in files: one in each, or those of so many poses in one.
+
+    Raises ScanError.
     """
-    names, counts, xz, units = [], [], [], set()
-    one_each = len(files) > 1
-    for path, blocks in files.items():
+    names, counts, parts = [], [], []
+    for blocks in files.values():
         tables = point_tables(blocks, layout)
+        parts += tables
         if not tables and any(len(block.table) > 1 for block in blocks):
-            raise question_on_points(blocks)
-        if one_each and len(tables) > 1 and tables[0].block.is_bare:
-            sentence = f"{len(tables)} tables of points; expected one"
-            raise ScanError(f"{path}: {sentence}: give titles, or no blank lines")
-        before = len(counts)
-        for points in tables:
-            profile, own = np.zeros(len(points.block.table), int), [""]
-            if not one_each:
-                several = poses if len(tables) == 1 else 0
-                profile, own = profile_of_each_row(points.block, several)
-            check_one_section(points, profile)
-            each = np.bincount(profile)
-            names += own or [str(len(counts) + k + 1) for k in range(len(each))]
-            counts += [*each]
-            xz.append(points.numbers("xz", blank=True))
-            units |= points.units("xz")
-        if one_each:  # nothing was seen, or a table goes on
-            counts[before:] = [sum(counts[before:])]
-    if not xz:
+            raise question_on_points(blocks, layout.columns)
+        if len(files) == 1:
+            names, counts = profiles_of_tables(tables, poses, layout)
+        else:
+            names = names_of([*files])
+            counts.append(rows_of_one_profile(tables, layout))
+    path = next(iter(files))
+    if not parts:
         raise ScanError(f"{path}: no profiles in it")
-    block, columns = points.block, points.columns.values()
+    block, columns = parts[0].block, parts[0].columns.values()
     taken["columns"] = ",".join(block.title(column.at) for column in columns)
-    points_mm = in_mm(path, np.concatenate(xz), units, layout, taken)
-    values = np.split(points_mm, np.cumsum(counts)[:-1])
-    return names_of([*files]) if one_each else names, values
+    xz = np.concatenate([part.numbers("xz", blank=True) for part in parts])
+    units = {unit for part in parts for unit in part.units("xz")}
+    points = in_mm(path, xz, units, layout, taken)
+    return Profiles(names, np.split(points, np.cumsum(counts)[:-1]))
+
+
+def rows_of_one_profile(tables: Sequence[Part], layout: Layout) -> int:
+    """How many rows a file's only profile has, of a table that may go on; 0: nothing
+    was seen. Raises ScanError, Question.
+    """
+    if len(tables) > 1 and tables[0].block.is_bare:
+        sentence = f"{len(tables)} tables of points; expected one"
+        hint = "give titles, or no blank lines"
+        raise ScanError(f"{tables[0].path}: {sentence}: {hint}")
+    counts = [len(points.block.table) for points in tables]
+    for points, count in zip(tables, counts, strict=True):
+        check_one_section(points, np.zeros(count, int), layout)
+    return sum(counts)
+
+
+def profiles_of_tables(
+    tables: Sequence[Part], poses: int, layout: Layout
+) -> tuple[list[str], list[int]]:
+    """The names of a file's profiles, "" for none, and how many rows each has.
+
+    Raises Question.
+    """
+    names, counts = [], []
+    for points in tables:
+        several = poses if len(tables) == 1 else 0
+        profile, own = profile_of_each_row(points.block, several)
+        check_one_section(points, profile, layout)
+        each = np.bincount(profile)
+        names += own or [""] * len(each)
+        counts += [*each]
+    return names, counts
 
 
 def profile_of_each_row(block: Block, poses: int) -> tuple[ndarray, list[str]]:
     """The profile of each row, from 0, and what profiles are called, if they are: by a
-    label or a time whose values do not come back, and that counts no points; by the
-    pose beside it; else evenly by so many poses.
+    label or a time whose values do not come back, and that counts no points; by its
+    place; by the pose beside it; else evenly by so many poses.
     """
     rows = len(block.table)
-    for column in block.having("label", "time", "t"):
-        profile, labels = pandas.factorize(
-            block.table[column.at], use_na_sentinel=False
-        )
+    for column in block.having("label", "time", "t", "nth"):
+        cells = block.table[column.at]
+        profile, labels = pandas.factorize(cells, use_na_sentinel=False)
         counts_points = column.role == "label" and len(labels) == rows != poses
         if (np.diff(profile) >= 0).all() and not counts_points:
-            return profile, [*map(label_of, labels)]
+            is_name = column.role != "nth"
+            return profile, [*map(label_of, labels)] if is_name else []
     if block.poses:
         posed = [c.at for own in block.poses.values() for c in own.columns.values()]
         pose = block.table.groupby(posed, dropna=False).ngroup().to_numpy()
@@ -174,7 +218,7 @@ def profile_of_each_row(block: Block, poses: int) -> tuple[ndarray, list[str]]:
     return np.arange(rows) // each, []
 
 
-def check_one_section(points: Part, profile: ndarray) -> None:
+def check_one_section(points: Part, profile: ndarray, layout: Layout) -> None:
     """Raise Question where rows of a profile are of several scanners or sections, or
     lie along y.
     """
@@ -185,7 +229,8 @@ def check_one_section(points: Part, profile: ndarray) -> None:
         comes_back = (2 * each["nunique"] <= each["size"]).all()
         counts_points = column.role == "label" and not comes_back
         is_other = column in (x, z) or (is_y and column.owner != x.owner)
-        if counts_points or is_other or each["nunique"].max() < 2:
+        all_wanted = column.role == "label" and layout.where == f"{column.name}=*"
+        if counts_points or is_other or all_wanted or each["nunique"].max() < 2:
             continue
         values = sorted(cells.dropna().unique())
         sentence = f"{block.path}: {column.name} is {values[0]} to {values[-1]}"
@@ -193,37 +238,34 @@ def check_one_section(points: Part, profile: ndarray) -> None:
             answer = f"{block.title(column.at)},{block.title(z.at)}"
             raise Question(f"{sentence}, x always the same", columns=answer)
         one = min(values, key=abs) if is_y else values[0]
-        raise Question(f"{sentence} in one profile", where=f"{column.name}={one}")
+        sentence += " in one profile"
+        if column.role == "label":
+            sentence += f" (all: --where '{column.name}=*')"
+        raise Question(sentence, where=f"{column.name}={one}")
 
 
-def question_on_points(blocks: Sequence[Block]) -> Question:
+def question_on_points(blocks: Sequence[Block], said: str) -> Question:
     """Which columns are x and z; likely the last two of numbers that vary."""
     block = max(blocks, key=lambda block: len(block.table))
+    titles = said.split(",") if said else []
+    unknown = [title for title in titles if not columns_called(block, title)]
     numeric = block.table.select_dtypes("number")
     varied = [str(at + 1) for at in numeric if numeric[at].nunique() > 1]
-    sentence = f"{block.path}: no x and z in columns {listed(block.titles)}"
-    return Question(sentence, columns=",".join(varied[-2:]))
+    sentence = f"no {listed(unknown) or 'x and z'} in columns {listed(block.titles)}"
+    return Question(f"{block.path}: {sentence}", columns=",".join(varied[-2:]))
 
 
 def in_mm(
     path: Path, xz: ndarray, units: set[str], layout: Layout, taken: dict[str, str]
 ) -> ndarray:
-    """Points (n, 2) as mm, and NaN where nothing was seen: z is blank, a code that is
-    said or known, or zero where all else lies to one side. Raises ScanError.
-    """
-    z = xz[:, 1]
-    codes = [code for code in UNIT_OF_CODE if (z == code).any()]
-    of_codes = {UNIT_OF_CODE[code] for code in codes} - {""}
-    if layout.missing is not None:
-        codes.append(layout.missing)
-    seen = z[np.isfinite(z)]
-    if not codes and 0 in (seen.min(initial=1), seen.max(initial=-1)):
-        codes = [0.0]
-    unseen = np.isnan(xz).any(axis=1) | np.isin(z, codes)
+    """Points (n, 2) as mm, and NaN where nothing was seen. Raises ScanError."""
+    codes = codes_in(xz[:, 1], layout.missing)
+    unseen = np.isnan(xz).any(axis=1) | np.isin(xz[:, 1], codes)
     xz[unseen] = np.nan
     if unseen.all():
         raise ScanError(f"{path}: nothing was seen in any profile")
-    said = ({layout.unit} - {""}) or units or of_codes
+    of_codes = {UNIT_OF_CODE.get(code, "") for code in codes} - {""}
+    said = {layout.unit} if layout.unit else units or of_codes
     scale, unit = scale_of(path, said, "mm", LENGTH_UNITS)
     xz *= scale
     low, high = np.nanmin(xz, axis=0).round(3), np.nanmax(xz, axis=0).round(3)
@@ -236,9 +278,24 @@ def in_mm(
     if is_narrow or not 1 <= largest <= FARTHEST_MM:
         sentence = f"{width:.4g} mm wide, up to {largest:.4g} mm away"
         hint = "the unit, or a code for nothing seen (--missing)?"
-        farthest = np.nanmax(np.abs(xz)) / scale
-        off = {
-            u: abs(np.log(farthest * mm / LIKELY_MM)) for u, mm in LENGTH_UNITS.items()
-        }
-        raise Question(f"{path}: {sentence}; is it {hint}", unit=min(off, key=off.get))
+        likely = likely_unit(np.nanmax(np.abs(xz)) / scale)
+        raise Question(f"{path}: {sentence}; is it {hint}", unit=likely)
     return xz
+
+
+def codes_in(z: ndarray, said: float | None) -> list[float]:
+    """What stands for nothing seen: a code that is known or said, or else zero where
+    all other heights lie to one side.
+    """
+    codes = [code for code in UNIT_OF_CODE if (z == code).any()]
+    if said is not None:
+        codes.append(said)
+    seen = z[np.isfinite(z)]
+    zero_ends = 0 in (seen.min(initial=1), seen.max(initial=-1))
+    return [0.0] if zero_ends and not codes else codes
+
+
+def likely_unit(farthest: float) -> str:
+    """The unit in which a number is most like a scanner's distance."""
+    farthest_mm = {unit: farthest * mm for unit, mm in LENGTH_UNITS.items()}
+    return min(farthest_mm, key=lambda unit: abs(np.log(farthest_mm[unit] / LIKELY_MM)))

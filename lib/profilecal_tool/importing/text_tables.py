@@ -1,7 +1,7 @@
 """Tables of delimited text: lines of as many fields that follow each other."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
@@ -12,6 +12,7 @@ import pandas
 from profilecal.geometry.progress import watched
 from profilecal.scan.tables import NOTHING, ScanError, cell_number
 from profilecal_tool.importing.blocks import Block, column_titled, counted
+from profilecal_tool.importing.makers import UNITS
 
 MARKS = b"#% \r\n"  # around titles
 BEGIN = 100_000  # characters that tell what a table is like
@@ -40,15 +41,15 @@ def runs_of_lines(
     path: Path, content: bytes, between: bytes | None
 ) -> list[tuple[int, int, int]]:
     """The first line, the end, and the place of runs of lines of as many fields, of
-    which a blank line has none, nor a remark below others, which is no title.
+    which a blank line has none, nor a remark below numbers, which is no title.
     """
 
     def measured() -> Iterator[tuple[int, int]]:
         at_top = True
         for line in watched(BytesIO(content), f"reading {path.name}", count):
             cells = line.strip(MARKS)
-            if cells and line[0] not in b"#%":
-                at_top = False
+            if line[0] not in b"#%":
+                at_top = at_top and not re.search(rb"\d", cells)
             elif not at_top:
                 cells = b""
             yield len(line), len(cells.split(between)) if cells else 0
@@ -57,7 +58,8 @@ def runs_of_lines(
     lengths, fields = np.fromiter(measured(), np.dtype((np.int32, 2))).T
     begins = np.flatnonzero(np.diff(fields, prepend=0))
     places = (np.cumsum(lengths) - lengths)[begins]
-    runs = zip(begins, [*begins[1:], len(fields)], places, strict=True)
+    ends = [*begins, len(fields)][1:]
+    runs = zip(begins, ends, places, strict=True)
     return [run for run in runs if fields[run[0]]]
 
 
@@ -74,6 +76,26 @@ def row_where_numbers_begin(rows: list[list[str]], decimal: str) -> int | None:
     return None
 
 
+def cells_of(lines: Iterable[bytes], between: bytes | None) -> list[list[str]]:
+    """The cells of lines, as text."""
+    rows = [line.strip(MARKS).split(between) for line in lines]
+    return [[c.decode(errors="ignore").strip(EDGES) for c in row] for row in rows]
+
+
+def titles_in(rows: list[list[str]]) -> list[str]:
+    """The last row of words, or the one above it with the units that it says."""
+    rows = [row for row in rows if any(row)]
+    if len(rows) < 2:
+        return rows[0] if rows else []
+    *_, above, last = rows
+    units = [cell.strip("[]()") for cell in last]
+    is_unit = [unit.lower() in UNITS for unit in units]
+    if sum(is_unit) < 2:
+        return last
+    cells = zip(above, units, is_unit, strict=True)
+    return [f"{title} [{unit}]" if said else title for title, unit, said in cells]
+
+
 def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     """The tables of a text: runs of lines of as many fields, from where numbers begin.
     What goes on without titles below a remark or blank lines has those above.
@@ -82,24 +104,23 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     """
     mark, decimal = dialect(content[:BEGIN].decode(errors="ignore"))
     between = mark and mark.encode()
+    stream = BytesIO(content)
     known, after = [], 0  # titles above, and where their table ends
     for begin, end, place in runs_of_lines(path, content, between):
-        stream = BytesIO(content)
         stream.seek(place)
-        lines = (line.strip(MARKS) for line in islice(stream, min(end - begin, HEAD)))
-        cells = [line.split(between) for line in lines]
-        rows = [[c.decode(errors="ignore").strip(EDGES) for c in row] for row in cells]
+        rows = cells_of(islice(stream, min(end - begin, HEAD)), between)
         first = row_where_numbers_begin(rows, decimal)
         if first is None:
             continue
-        count = len(rows[0])
-        titled = [row for row in rows[:first] if any(row)]
-        if known and not titled and begin == after and count != len(known):
+        count, titles = len(rows[0]), titles_in(rows[:first])
+        if known and not titles and begin == after and count != len(known):
             found = f"{count} fields; expected {len(known)}, as above"
             raise ScanError(f"{path} line {begin + 1}: {found}")
-        if titled or count == len(known):
-            known, after = [known, *titled][-1], end
-        titles = known if after == end else counted(count)
+        if not titles and count == len(known):
+            titles = known
+        if titles:
+            known, after = titles, end
+        titles = titles or counted(count)
         labels = [column_titled(*one).role == "label" for one in enumerate(titles)]
         stream.seek(place)
         table = pandas.read_csv(

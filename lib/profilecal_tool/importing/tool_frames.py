@@ -1,14 +1,14 @@
 """Tools and bases that programs declare: taken off poses, named, or asked about."""
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import named, to_rotations
 from profilecal.scan.tables import listed
-from profilecal_tool.importing.blocks import Block, Part, label_of
+from profilecal_tool.importing.blocks import XYZ, Block, Part, label_of
 from profilecal_tool.importing.makers import ROBOTS, WORDS
 from profilecal_tool.importing.questions import Layout, Question
 from profilecal_tool.importing.robot_poses import angle_of, length_of
@@ -31,6 +31,25 @@ def said_in_program(
     return rows
 
 
+class Frame(NamedTuple):
+    """A tool's frame, as it stands in a file."""
+
+    name: str
+    numbers: tuple[float, ...]  # x, y, z, and the orientation
+
+
+def uses_of(
+    poses: Part, beside: Iterable[Block], which: str
+) -> list[tuple[str | None, str]]:
+    """The names of poses, "" or None for all that follow, and of the tools or bases
+    that they have, as programs and columns say.
+    """
+    uses = said_in_program(poses, beside, "uses", ["name", which])
+    for column in poses.block.having(which):
+        uses += [[None, label_of(cell)] for cell in poses.block.table[column.at]]
+    return [(name, used.lower().partition("[")[0]) for name, used in uses if used]
+
+
 def of_one_frame(
     poses: Part, beside: Iterable[Block], which: str, layout: Layout
 ) -> tuple[Part, str]:
@@ -38,24 +57,22 @@ def of_one_frame(
 
     Raises Question where they have several.
     """
-    uses = said_in_program(poses, beside, "uses", ["name", which])
-    for column in poses.block.having(which):
-        uses += [[None, label_of(cell)] for cell in poses.block.table[column.at]]
-    uses = [(name, frame.lower().partition("[")[0]) for name, frame in uses if frame]
-    frames = [frame for _, frame in uses]
-    names = sorted({*frames})
-    said = layout.where.lower()
-    if said.startswith(f"{which}="):
-        names = [said.partition("=")[2]]
-        others = {name for name, frame in uses if frame != names[0]}
+    uses = uses_of(poses, beside, which)
+    option, _, said = layout.where.lower().partition("=")
+    if option == which:
+        others = {name for name, used in uses if used != said}
         labels = poses.labels.get("name", [])
         rows = [row for row, label in enumerate(labels) if label not in others]
-        poses = poses.at(rows) if labels else poses
+        return poses.at(rows) if labels else poses, said
+    used = [name for _, name in uses]
+    names = [*dict.fromkeys(used)]
+    if not poses.block.robot:  # a program's first is what the first move has
+        names.sort(key=lambda name: name not in WORDS["no_frame"])
     if len(names) > 1:
         sentence = f"moves have {which}s {listed(names)}; of which are the poses?"
-        answer = f"{which}={max(names, key=frames.count)}"
+        answer = f"{which}={max(names, key=used.count)}"
         raise Question(f"{poses.path}: {sentence}", where=answer)
-    return poses, (names or [""])[0]
+    return poses, "".join(names)
 
 
 def of_one_tool(
@@ -66,35 +83,53 @@ def of_one_tool(
     """
     poses, base = of_one_frame(poses, beside, "base", layout)
     poses, used = of_one_frame(poses, beside, "tool", layout)
-    columns = ["name", *"xyz", *poses.convention.columns]
-    maker = ROBOTS.get(poses.block.robot)
-    kind = maker.tools_in if maker and used else "tool"
-    rows = said_in_program(poses, beside, kind, columns)
-    if offset := poses.block.poses.get("tcp_offset"):
-        rows = [["", *row] for row in offset.numbers(columns[1:]).tolist()]
-    frames = {(name.lower(), *map(float, at)) for name, *at in rows}
-    own = [at for name, *at in frames if name == used]
-    declared = sorted(name for name, *at in frames if any(at[:3]))
     tool, words = None, "none; taken for the flange's poses"
     if layout.tool:
         tool, words = layout.tool, "the one given, taken off"
-    elif used in WORDS["no_frame"]:
-        tool = None
-    elif len(own) == 1:
-        tool, words = own[0], f"{used or 'one'} at {own[0][:3]}, taken off"
-    elif used or own:
-        has = f"{len(own)} frames are" if own else "frame is not"
-        sentence = f"poses are of tool {used}, whose {has} here"
-        raise Question(f"{poses.path}: {sentence}; mm, and angles?", tool=TO_FILL_IN)
-    elif declared:
-        sentence = f"tool {listed(declared)} is declared, and no line uses it"
-        hint = "are poses of it? (--tool 0 0 0 0 0 0: of the flange)"
-        name = declared[0] if len(declared) == 1 else "NAME"
-        raise Question(f"{poses.path}: {sentence}; {hint}", where=f"tool={name}")
+    elif used not in WORDS["no_frame"]:
+        frame = frame_called(used, poses, frames_of_tools(poses, beside, used))
+        if frame:
+            tool = frame.numbers
+            words = f"{used or 'one'} at {[*tool[:3]]}, taken off"
     if base not in {"", *WORDS["no_frame"]}:
         words += f"; in base {base}, not taken off"
     taken["tool"] = words
     return poses, tool
+
+
+def frames_of_tools(poses: Part, beside: Iterable[Block], used: str) -> set[Frame]:
+    """The tools' frames that files say, in the convention of the poses."""
+    maker = ROBOTS.get(poses.block.robot)
+    kind = maker.tools_in if maker and used else "tool"
+    columns = [*XYZ, *poses.convention.columns]
+    rows = said_in_program(poses, beside, kind, ["name", *columns])
+    if offset := poses.block.poses.get("tcp_offset"):
+        rows = [["", *row] for row in offset.numbers(columns).tolist()]
+    return {Frame(name.lower(), tuple(map(float, row))) for name, *row in rows}
+
+
+def frame_called(used: str, poses: Part, frames: Iterable[Frame]) -> Frame | None:
+    """The frame of the tool that poses have; None where there are no tools.
+
+    Raises Question.
+    """
+    own = [frame for frame in frames if frame.name == used]
+    declared = sorted({frame.name for frame in frames if any(frame.numbers[:3])})
+    if len(own) == 1:
+        return own[0]
+    if used or own:
+        which = f"tool {used}" if used else "a tool"
+        has = f"{len(own)} frames are" if own else "frame is not"
+        sentence = f"poses are of {which}, whose {has} here; mm, and angles?"
+        raise Question(f"{poses.path}: {sentence}", tool=TO_FILL_IN)
+    if declared:
+        is_one = len(declared) == 1
+        names = f"tool {declared[0]} is" if is_one else f"tools {listed(declared)} are"
+        hint = "are poses of it? (--tool 0 0 0 0 0 0: of the flange)"
+        sentence = f"{names} declared, and no line uses {'it' if is_one else 'them'}"
+        answer = f"tool={declared[0] if is_one else 'NAME'}"
+        raise Question(f"{poses.path}: {sentence}; {hint}", where=answer)
+    return None
 
 
 def entries_of_flange(

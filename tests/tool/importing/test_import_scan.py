@@ -12,6 +12,7 @@ import subprocess
 import sys
 from contextlib import suppress
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -77,15 +78,40 @@ def test_profiles_in_any_layout_are_the_same(of_profiles, tmp_path):
 # folders that are asked about; each with what the question has
 
 
-def table_of(titles, convention, scale=1.0, angle=1.0):
-    """The poses of a table under titles, or under none."""
+def listed(
+    titles,
+    labels=(),
+    convention="KUKA angles",
+    scale=1.0,
+    angle=1.0,
+    backwards=False,
+    encoding="utf-8",
+):
+    """A table of poses under titles, or under none; each row behind its label."""
 
     def write(folder):
+        between = ";" if ";" in titles else ","
         rows = poses(convention, scale)
         rows[:, 3:] *= angle
-        write_lines(folder / "poses.csv", [titles] * bool(titles) + [*map(text, rows)])
+        lines = [text(row, between) for row in rows]
+        if labels:
+            pairs = zip(labels, lines, strict=False)
+            lines = [f"{label}{between}{line}" for label, line in pairs]
+        lines = [*titles.split("\n"), *lines[:: -1 if backwards else 1]]
+        content = "\n".join(lines).strip("\n")
+        content = content.replace(".", ",") if between == ";" else content
+        (folder / "poses.csv").write_bytes(content.encode(encoding))
 
-    return write, people.one_each
+    return write
+
+
+def named_profiles(name, titles="x,z", encoding="utf-8", begin=0):
+    def write(folder):
+        for k, points in enumerate(scan().values, begin):
+            lines = "\r\n".join([titles, *map(text, points)]).replace("nan", "")
+            (folder / name.format(k)).write_bytes(lines.encode(encoding))
+
+    return write
 
 
 def points_of(titles, *columns, scale=1.0):
@@ -130,12 +156,15 @@ def two_poses(folder):
     (folder / "poses.json").write_text(json.dumps(rows))
 
 
-def two_numbers(folder):
-    """One that counts rows, and one that is of the profiles."""
-    rows = enumerate(poses("KUKA angles"))
-    lines = [f"{11 - k},{k},{text(row)}" for k, row in rows]
-    titles = "Zeile,Bahnpunkt,X [mm],Y [mm],Z [mm],A,B,C"
-    write_lines(folder / "robot.csv", [titles, *lines[::-1]])
+def transforms(folder):
+    """Of the flange and of a camera on it, as ROS prints them, in turn."""
+    documents = []
+    for position, turn in people.samples():
+        for k, child in enumerate(("camera_link", "tool0")):
+            own = position | {"x": position["x"] + k - 1}
+            own = {"translation": own, "rotation": turn}
+            documents.append(json.dumps({"child_frame_id": child, "transform": own}))
+    write_lines(folder / "tf.yaml", ["\n---\n".join(documents)])
 
 
 def declared(folder):
@@ -144,9 +173,21 @@ def declared(folder):
 
 ASKED = {
     "inches": (*points_of("x,z", scale=1 / 25.4), "mm wide, up to"),
-    "no titles": (*table_of("", "FANUC angles", 0.001, np.pi / 180), "what are they"),
-    "radians": (*table_of("x,y,z,w,p,r", "FANUC angles", 1, np.pi / 180), "rad or deg"),
-    "quaternions": (*table_of("x,y,z,q1,q2,q3,q4", "quaternion"), "what are they"),
+    "no titles": (
+        listed("", (), "FANUC angles", 0.001, np.pi / 180),
+        people.one_each,
+        "what are they",
+    ),
+    "radians": (
+        listed("x,y,z,w,p,r", (), "FANUC angles", 1, np.pi / 180),
+        people.one_each,
+        "rad or deg",
+    ),
+    "quaternions": (
+        listed("x,y,z,q1,q2,q3,q4", (), "quaternion"),
+        people.one_each,
+        "what are they",
+    ),
     "decimal commas between spaces": (
         people.tum,
         lambda folder: [
@@ -164,7 +205,14 @@ ASKED = {
     ),
     "a tool that no line uses": (declared, people.one_each, "is declared, and no line"),
     "two poses": (two_poses, people.one_each, "one or two"),
+    "two frames in turn": (transforms, people.one_each, "tools tool0, camera_link"),
     "no columns": (*points_of("", "7"), "no x and z"),
+    "a title that is not there": (
+        people.csv,
+        named_profiles("scan_{:03}.csv", "Breite,Wert"),
+        "no x and z in columns Breite, Wert",
+    ),
+    "frames": (*points_of("frame,x,z", "0", "1"), "(all: --where 'frame=*')"),
     "two scanners": (*points_of("sensor,x,z", "0", "1"), "sensor is 0 to 1"),
     "a cloud": (*points_of("y,x,z", "-2", "0", "2"), "y is -2 to 2"),
     "whole numbers": (*points_of("x,z", scale=1e5), "(--missing)"),
@@ -192,25 +240,6 @@ def test_the_line_that_is_printed_answers_the_question(name, tmp_path):
 
 
 # pairing: poses, profiles, what is said of how
-
-
-def listed_backwards(title, encoding="utf-8"):
-    def write(folder):
-        rows = [f"XP{k};{text(row, ';')}" for k, row in enumerate(poses("KUKA angles"))]
-        titles = f"{title};X in mm;Y in mm;Z [mm];A in Grad;B in Grad;C in Grad"
-        lines = "\n".join([titles, *rows[::-1]]).replace(".", ",")
-        (folder / "robot.csv").write_bytes(lines.encode(encoding))
-
-    return write
-
-
-def named_profiles(name, titles="x,z", encoding="utf-8", begin=0):
-    def write(folder):
-        for k, points in enumerate(scan().values, begin):
-            lines = "\r\n".join([titles, *map(text, points)]).replace("nan", "")
-            (folder / name.format(k)).write_bytes(lines.encode(encoding))
-
-    return write
 
 
 def log_with_stops(folder):
@@ -266,27 +295,19 @@ def nothing(folder):
     """No more files."""
 
 
-def decimal_labels(folder):
-    rows = enumerate(poses("KUKA angles"))
-    lines = [f"{k // 10}.{k % 10 + 1},{text(row)}" for k, row in rows]
-    write_lines(folder / "robot.csv", ["Pose,X [mm],Y,Z,A,B,C", *lines[::-1]])
+GERMAN = "{};X in mm;Y in mm;Z [mm];A in Grad;B in Grad;C in Grad"
+BY_XP = [f"XP{k}" for k in range(12)]
 
 
 PAIRED = {
     "1.10 and 1.1": (
-        decimal_labels,
-        lambda folder: [
-            write_table(folder / f"p_{k // 10}.{k % 10 + 1}.csv", "x,z", points)
-            for k, points in enumerate(scan().values)
-        ],
+        listed("Pose,X [mm],Y,Z,A,B,C", [f"1.{k + 1}" for k in range(12)]),
+        named_profiles("p_1.{}.csv", begin=1),
         "by the numbers in the names",
     ),
     "a date and a number": (
-        listed_backwards("Laufnummer"),
-        lambda folder: [
-            write_table(folder / f"20240503_1412{k:02}_{k:03}.csv", "x,z", points)
-            for k, points in enumerate(scan().values)
-        ],
+        listed(GERMAN.format("Laufnummer"), BY_XP, backwards=True),
+        named_profiles("20240503_1412{0:02}_{0:03}.csv"),
         "number 1",
     ),
     "a folder each": (
@@ -294,32 +315,49 @@ PAIRED = {
             (folder / f"{k}").mkdir() or np.savetxt(folder / f"{k}" / "pose.txt", T)
             for k, T in enumerate(people.matrices_of_poses())
         ],
-        lambda folder: [
-            write_table(folder / f"{k}" / "profile.csv", "x,z", points)
-            for k, points in enumerate(scan().values)
-        ],
+        named_profiles("{}/profile.csv"),
         "number 1",
     ),
     "German": (
-        listed_backwards("Messung", "cp1252"),
+        listed(GERMAN.format("Messung"), BY_XP, backwards=True, encoding="cp1252"),
         named_profiles("line2_{:02}.csv", "X Achse [mm],Höhe [mm]", "cp1252"),
         "number 2 in the names",
     ),
     "Chinese": (
-        listed_backwards("序号", "gb18030"),
+        listed(GERMAN.format("序号"), BY_XP, backwards=True, encoding="gb18030"),
         named_profiles("轮廓{}.csv", "X坐标(毫米),高度(毫米)", "gb18030"),
         "number 1",
     ),
     "UTF-16": (
-        listed_backwards("Nr.", "utf-16"),
+        listed(GERMAN.format("Nr."), BY_XP, backwards=True, encoding="utf-16"),
         named_profiles("p{}.txt", "x,z", "utf-16", 1),
         "from 0 and from 1",
+    ),
+    "a pose before": (
+        listed("Nr,X,Y,Z,A,B,C\n0,400,0,600,0,90,0", range(1, 13)),
+        named_profiles("profile_{:03}.csv", begin=1),
+        "number 1 in the names; left out, without a profile: 0",
+    ),
+    "an index without a title": (
+        listed(",x,y,z,a,b,c", range(12), backwards=True),
+        named_profiles("p{}.csv"),
+        "number 1 in the names",
+    ),
+    "units below": (
+        listed("Nr;X;Y;Z;A;B;C\n;[m];[m];[m];°;°;°", range(12), scale=1e-3),
+        named_profiles("p{}.csv", "# x,z\r\n# mm,mm"),
+        "number 1 in the names",
+    ),
+    "units in a remark": (
+        listed("X,Y,Z,A,B,C\n# m,m,m,deg,deg,deg", scale=1e-3),
+        named_profiles("p{}.csv"),
+        "in order",
     ),
     "names": (people.csv, people.long_table, "by the names"),
     "seconds": (log_with_stops, named_by_the_clock, "up to 0.1 s apart"),
     "points": (in_one_table, nothing, "in order"),
     "JSON": (in_json, nothing, "by the names"),
-    "samples": (in_one_json, nothing, "number 1"),
+    "samples": (in_one_json, nothing, "in order"),
 }
 
 
@@ -364,6 +402,23 @@ def two_frames(folder):
     write_lines(folder / "other.mod", [line.replace("12.0", "13.0")])
 
 
+def denso(folder):
+    """Tool 1 is taken before the first move, none after the last."""
+    lines = ["' TOOL 1, (0, 0, 99, 0, 0, 0)", "TOOL 1, (12, -35, 180, 10, -20, 30)"]
+    for k, row in enumerate(poses("FANUC angles")):
+        lines.append(f"P[{k}] = P({text(row)}, 5)")
+    write_lines(folder / "scan.pcs", [*lines, "CHANGETOOL 1", "CHANGETOOL 0"])
+
+
+def comau(folder):
+    """A frame that a remark has is none."""
+    lines = ["-- $TOOL := POS(0, 0, 99, 0, 0, 0)", "$TOOL := POS(12, 0, 0, 0, 30, 0)"]
+    lines.append("$UFRAME := POS(100, 50, 0, 0, 15, 0)")
+    for k, row in enumerate(poses("Kawasaki angles")):
+        lines.append(f"p{k} := POS({text(row)})")
+    write_lines(folder / "scan.pdl", [*lines, "$UFRAME := uTable"])
+
+
 def base_of_kuka(folder):
     people.kuka(folder)
     frame = "BASE_DATA[1]={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}"
@@ -400,6 +455,8 @@ TOOLS = {
     "two frames of one tool": (two_frames, None, "tscan, whose 2 frames are here"),
     "listed frames": (listed_frames, None, "3 at [12.0, -35.0, 180.0], taken off"),
     "FANUC's": (people.fanuc, ("UT : 0", "UT : 3", 12), "3, whose frame is not here"),
+    "a tool before the first move": (denso, None, "are the poses? tool=1"),
+    "a remark": (comau, None, "at [12.0, 0.0, 0.0], taken off; in base utable"),
     "two that moves have": (
         people.abb,
         ("v100,fine,tScan", "v100,fine,tool0"),
@@ -408,7 +465,7 @@ TOOLS = {
     "two that no move has": (
         two_declared,
         None,
-        "tool tother, tscan is declared, and no line uses it; are poses of it? "
+        "tools tother, tscan are declared, and no line uses them; are poses of it? "
         "(--tool 0 0 0 0 0 0: of the flange) tool=NAME",
     ),
 }
@@ -442,6 +499,10 @@ def test_what_is_said_of_columns_holds_for_those_that_are_there(tmp_path):
         read(folder, where="y=0")
     with pytest.raises(ScanError, match="--pose-columns says x,y"):
         read(folder, pose_columns="x,y")
+    with pytest.raises(ScanError, match=r"not known: rr \(w,p,r"):
+        read(folder, pose_columns="t,x,y,z,w,p,rr,_")
+    with pytest.raises(ScanError, match="no Hoehe in columns x, z"):
+        read(folder, columns="x,Hoehe")
     with pytest.raises(ScanError, match="x and z are one column"):
         read(folder, columns="2,2")
 
@@ -476,6 +537,30 @@ def a_row_cut_short(folder):
     write_lines(folder / "robot.csv", [*lines[:5], "scan_099;1;2", *lines[5:]])
 
 
+def without_a_pose(folder):
+    rows = [
+        {"id": k, "T": T.tolist()} for k, T in enumerate(people.matrices_of_poses())
+    ]
+    del rows[7]["T"]
+    (folder / "poses.json").write_text(json.dumps(rows))
+
+
+def another_clock(folder):
+    """Two hours later, and one less."""
+    for k, path in enumerate(sorted(folder.glob("scan_*"))[1:]):
+        path.rename(folder / f"{1.7e9 + 7200 + k:.0f}.csv")
+    (folder / "scan_000.csv").unlink()
+
+
+def stacked(begin):
+    def spoil(folder):
+        for path in folder.glob("scan_*"):
+            path.unlink()
+        np.savez(folder / "all.npz", points=np.stack(scan().values[begin:]))
+
+    return spoil
+
+
 def two_numbers_in_names(folder):
     for k in range(12):
         (folder / f"scan_{k:03d}.csv").rename(folder / f"{k}_{11 - k}.csv")
@@ -486,7 +571,7 @@ MISTAKES = {
     "a label twice": (
         people.csv,
         edited("robot.csv", "scan_004;", "scan_005;"),
-        "two poses have the name of profile scan_005",
+        "lines 4 and 6: two poses have the Name of profile scan_005",
     ),
     "two numbers that fit": (people.csv, two_numbers_in_names, "Rename the profiles'"),
     "joints": (
@@ -499,15 +584,35 @@ MISTAKES = {
     "nothing": (people.csv, emptied, "no file matches"),
     "no poses": (people.csv, lost("robot.csv"), "no file holds the poses"),
     "two": (people.csv, copied("robot.csv", "tcp.csv"), "which holds the poses"),
-    "two numbers": (two_numbers, people.one_each, "by bahnpunkt and the number 1"),
+    "two numbers": (
+        listed("Zeile,Bahnpunkt,X,Y,Z,A,B,C", [f"{11 - k},{k}" for k in range(12)]),
+        people.one_each,
+        "by Zeile and the number 1 .* or by Bahnpunkt and the number 1",
+    ),
+    "a sample without a pose": (
+        without_a_pose,
+        people.one_each,
+        "line 8: T_4 is empty",
+    ),
+    "another clock": (people.tum, another_clock, "log begins at 17.* profiles at 17"),
+    "a stack of fewer": (
+        listed("id,x,y,z,a,b,c", range(12)),
+        stacked(begin=1),
+        "11 profiles for 12 poses",
+    ),
+    "a stack, and poses in another order": (
+        listed("id,x,y,z,a,b,c", range(12), backwards=True),
+        stacked(begin=0),
+        "sort the rows",
+    ),
     "an inverse": (people.matrices, inverted, "is called as the inverse"),
     "z alone": (people.csv, edited("scan_001.csv", "x,z", "time,z"), "no x and z"),
     "fewer": (people.tum, lost("scan_003.csv"), "11 profiles for 12 poses"),
     "half": (people.csv, edited("robot.csv", "Alpha", "tilt"), "what are they"),
     "one title twice": (people.csv, edited("robot.csv", "Y [", "X ["), "2,Z .* or 3,Z"),
     "units": (people.csv, edited("robot.csv", "Y [mm]", "Y [m]"), "units are m, mm"),
-    "other tool": (people.fanuc, edited("CALIB.LS", "UT : 0", "UT : 3"), "tools 0, 3"),
-    "other base": (people.fanuc, edited("CALIB.LS", "UF : 0", "UF : 2"), "bases 0, 2"),
+    "other tool": (people.fanuc, edited("CALIB.LS", "UT : 0", "UT : 3"), "tools 3, 0"),
+    "other base": (people.fanuc, edited("CALIB.LS", "UF : 0", "UF : 2"), "bases 2, 0"),
     "far": (people.csv, edited("scan_001.csv", "z\n", "z\n1,-88888\n"), "(--missing)"),
     "word": (
         people.csv,
@@ -561,10 +666,12 @@ def test_what_a_user_knows_is_kept_and_pictures_are_passed_over(tmp_path):
     folder = people.written(tmp_path / "in", people.tum)
     (folder / "cell.png").write_bytes(b"\x89PNG\0\0")
     (folder / "scan_003.csv").write_text("x,z\n1,2\n")
+    (folder / "scan_004.csv").write_text("")
     command = ["import", folder, tmp_path / "scan"]
-    assert run(*command, "--target", "edge").exit_code == 0
+    said = run(*command, "--target", "edge").output
+    assert "empty: scan_003, scan_004\n" in said
     imported = read_scan(tmp_path / "scan")
-    assert [len(points) for points in imported.values].count(0) == 1
+    assert [len(points) for points in imported.values].count(0) == 2
     header = tmp_path / "scan" / "scan.toml"
     header.write_text(
         header.read_text() + "\n[guess]\nmount = [0, 80, 120, 0, 0, 90]\n"
@@ -581,21 +688,30 @@ def test_what_a_user_knows_is_kept_and_pictures_are_passed_over(tmp_path):
     assert "unknown entry 'colums'" in run(*command).output
 
 
-def test_each_line_of_the_table_has_an_example_that_is_read():
-    for maker, robot in ROBOTS.items():
-        for line, example in zip(robot.pose, robot.examples, strict=True):
-            table, _ = matches_of([line], example)
-            assert len(table.dropna(axis=1)) == 1, line
-            if begin := re.search(r"(\w*)\$name", line):
-                whole = rf"(?<!\w){begin[1]}{re.escape(table['name'].iloc[0])}(?!\w)"
-                assert re.search(whole, example), line
-        of_uses = re.findall(r"\$([a-z]\w*)", " ".join(robot.uses))
-        assert {*of_uses} <= {"name", "tool", "base"}
-        text = "\n".join([robot.has, *robot.examples])
-        blocks = [b for b in program_blocks(Path(), text) if b.kind == "pose"]
-        (own,) = (block for block in blocks if block.robot == maker)
-        assert own.poses, "no $x $y $z, or no columns of a convention"
-        assert len(own.table) == len(robot.examples)
+KINDS = ("pose", "tool", "base", "uses")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("maker", ROBOTS)
+def test_each_line_of_the_table_has_an_example_that_is_read(maker, kind):
+    robot = ROBOTS[maker]
+    examples = iter(robot.examples)
+    own = {name: [*islice(examples, len(getattr(robot, name)))] for name in KINDS}
+    assert not [*examples], "more examples than lines"
+    for line, example in zip(getattr(robot, kind), own[kind], strict=True):
+        table, _ = matches_of([line], example)
+        assert len(table.dropna(axis=1)) == 1, line
+        if begin := re.search(r"(\w*)\$name", line):
+            whole = rf"(?<!\w){begin[1]}{re.escape(table['name'].iloc[0])}(?!\w)"
+            assert re.search(whole, example), line
+    blocks = program_blocks(Path(), "\n".join([robot.has, *own[kind]]))
+    found = [block for block in blocks if (block.robot, block.kind) == (maker, kind)]
+    assert sum(len(block.table) for block in found) == len(own[kind])
+    if kind == "pose":
+        assert found[0].poses, "no $x $y $z, or no columns of a convention"
+    if kind == "uses":
+        titles = {title for block in found for title in block.titles}
+        assert titles <= {"name", "tool", "base"}
 
 
 def test_a_pattern_takes_a_whole_name_and_stands_in_its_own_line():
