@@ -419,7 +419,7 @@ POSES = (
 IN_A_BASE = (abb, staubli)
 PROFILES = (
     *(one_each, with_gaps, codes_in_um, lists, archives, surfaces, numbered_columns),
-    *(long_table, below, stacked, point_clouds),
+    *(long_table, below, stacked),
 )
 
 

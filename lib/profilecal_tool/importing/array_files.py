@@ -1,4 +1,4 @@
-"""Arrays of NumPy, MATLAB and PLY, sheets."""
+"""Arrays of NumPy and MATLAB, sheets."""
 
 import re
 from collections import defaultdict
@@ -18,9 +18,9 @@ OF_POSES = (4, 4), (3, 4), (3, 3), (3, 1), (1, 3)  # what a pose's matrices have
 
 def binary_blocks(path: Path) -> Iterator[Block]:
     """The tables of a file of arrays. Raises ScanError."""
-    reader = {".mat": matlab_arrays, ".ply": points_of_ply}
+    is_matlab = path.suffix.lower() == ".mat"
     try:
-        arrays = reader.get(path.suffix.lower(), numpy_arrays)(path)
+        arrays = matlab_arrays(path) if is_matlab else numpy_arrays(path)
     except Exception as error:  # each reader has its own
         raise ScanError(f"{path}: no arrays of numbers: is it cut short?") from error
     yield from array_blocks(path, arrays)
@@ -33,14 +33,6 @@ def matlab_arrays(path: Path) -> dict[str, ndarray]:
     content = loadmat(path, appendmat=False, squeeze_me=True)
     arrays = {k: np.asarray(a) for k, a in content.items() if k[0] != "_"}
     return {k: np.moveaxis(a, -1, 0) if a.ndim == 3 else a for k, a in arrays.items()}
-
-
-def points_of_ply(path: Path) -> dict[str, ndarray]:
-    """The columns of a point cloud."""
-    from plyfile import PlyData
-
-    points = PlyData.read(path)["vertex"].data
-    return {name: points[name] for name in points.dtype.names}
 
 
 def numpy_arrays(path: Path) -> dict[str, ndarray]:

@@ -1,6 +1,7 @@
 """A scan from files that people have: read, told what is what, paired, checked."""
 
 import re
+from collections import ChainMap
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from glob import glob
@@ -53,14 +54,17 @@ def import_scan(
     taken = {}
     poses, profiles, beside = read_folder(folder, layout, taken)
     poses, tool = of_one_tool(poses, beside, layout, taken)
-    moves = (name for (name,) in said_in_program(poses, beside, "uses", ["name"]))
+    moves = [row.get("name") for row in said_in_program(poses, beside, "uses")]
     pairing = pair_profiles(poses, profiles.names, moves, layout)
     taken["matched"] = pairing.how
     rows = pairing.rows
     if not pairing.times:
-        rows, profiles = of_poses_in_turn(rows, profiles)
+        order = np.argsort(rows, kind="stable")
+        order = order[rows[order] >= 0]  # of profiles that have a pose
+        rows, profiles = rows[order], profiles.at(order)
         check_one_profile_a_pose(folder, rows, profiles.names, layout)
-    entries = pose_entries(poses.at(rows), labels_of(rows, profiles), layout, taken)
+    labels = counted(len(rows)) if pairing.times else profiles.names
+    entries = pose_entries(poses.at(rows), labels, layout, taken)
     if tool is not None:
         entries = entries_of_flange(entries, poses, tool, layout)
     if pairing.times:
@@ -68,36 +72,15 @@ def import_scan(
     return scan_of(folder, header | entries | measured(profiles, taken)), taken
 
 
-def of_poses_in_turn(rows: ndarray, profiles: Profiles) -> tuple[ndarray, Profiles]:
-    """The rows of poses and the profiles in the order of the poses, of those profiles
-    that have one.
-    """
-    order = np.argsort(rows, kind="stable")
-    order = order[rows[order] >= 0]
-    names, points = ([own[k] for k in order] for own in profiles)
-    return rows[order], Profiles(names, points)
-
-
-def labels_of(rows: ndarray, profiles: Profiles) -> list[str]:
-    """Names of the poses: those of their profiles, or else numbers."""
-    numbers = counted(len(rows))
-    if len(rows) != len(profiles.names):  # a log has no profiles' names
-        return numbers
-    return [name or k for name, k in zip(profiles.names, numbers, strict=True)]
-
-
 def measured(profiles: Profiles, taken: dict[str, str]) -> dict[str, Any]:
-    """Entries of a Scan: what was measured, points or profiles, of which a point alone
-    is none.
-    """
-    names, points = profiles
-    if max(map(len, points)) == 1:
-        return {"measured": "points", "values": tuple(points)}
-    values = [own if len(own) > 1 else own[:0] for own in points]
-    empty = [n or str(k) for k, n in enumerate(names, 1) if not len(values[k - 1])]
-    if empty:
-        taken["missing"] += f"; empty: {listed(empty)}"
-    return {"measured": "profiles", "values": tuple(values)}
+    """Entries of a Scan: points, or profiles, of which a point alone is none."""
+    values, what = profiles.points, "points"
+    if max(map(len, values)) > 1:
+        values, what = [own if len(own) > 1 else own[:0] for own in values], "profiles"
+    pairs = zip(profiles.names, values, strict=True)
+    if empty := listed(name for name, own in pairs if not len(own)):
+        taken["missing"] += f"; empty: {empty}"
+    return {"measured": what, "values": tuple(values)}
 
 
 def read_folder(
@@ -107,9 +90,7 @@ def read_folder(
     families = families_in(folder, layout)
     poses_called, profiles_called = which_hold_what(folder, families, layout)
     of_poses, of_profiles = families[poses_called], families[profiles_called]
-    every = {
-        path: blocks for files in families.values() for path, blocks in files.items()
-    }
+    every = ChainMap(*families.values())
     beside = [block for blocks in every.values() for block in blocks]
     check_where(folder, beside, layout.where)
     used = {*of_poses, *of_profiles, *(block.path for block in beside if block.robot)}

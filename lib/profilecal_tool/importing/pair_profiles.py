@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
-from pandas import Series
+from pandas import Series, to_numeric
 
 from profilecal.scan.tables import ScanError, cell_number, listed
 from profilecal_tool.importing.blocks import Part
@@ -89,9 +89,8 @@ def paired_in_order(
             hint += f" (the log begins at {begins[0]} s, the profiles at {begins[1]})"
         raise ScanError(f"{poses.path}: {sentence}, {hint}")
     for column in poses.block.having("label"):
-        cells = poses.block.table[column.at].astype(str)
-        numbers = [number for number in map(cell_number, cells) if number < np.inf]
-        if not driven and (np.diff(numbers) < 0).any():
+        numbers = to_numeric(poses.block.table[column.at], errors="coerce").dropna()
+        if not driven and not numbers.is_monotonic_increasing:
             title = poses.block.title(column.at)
             sentence = f"{title} goes up and down, and profiles have no such number"
             raise ScanError(f"{poses.path}: {sentence}; sort the rows, or name files")
@@ -204,18 +203,15 @@ def time_said(text: str) -> float:
 
 def times_of(poses: Part, names: Sequence[str]) -> Times | None:
     """The times of poses and profiles, if all have some, in the unit of the poses."""
-    for column in poses.block.having("time", "t"):
-        unit = UNITS_S.get(column.unit, 1.0)
-        log = seconds(poses.block.table[column.at].astype(str), unit)
-        profiles = seconds(names, unit)
-        is_complete = np.isfinite(log).all() and np.isfinite(profiles).all()
-        return Times(log, profiles) if is_complete else None
-    return None
-
-
-def seconds(texts: Iterable[str], unit: float) -> ndarray:
-    """The times that texts say, s."""
-    return (np.array([*map(time_said, texts)]) * unit).round(9)
+    columns = poses.block.having("time", "t")
+    if not columns:
+        return None
+    cells = poses.block.table[columns[0].at].astype(str)
+    every = np.array([*map(time_said, [*cells, *names])])
+    every = (every * UNITS_S.get(columns[0].unit, 1.0)).round(9)
+    if not np.isfinite(every).all():
+        return None
+    return Times(*np.split(every, [len(cells)]))
 
 
 def paired_by_time(poses: Part, times: Times) -> Pairing | None:
@@ -228,14 +224,12 @@ def paired_by_time(poses: Part, times: Times) -> Pairing | None:
     t = times.log[order]
     step = np.median(np.diff(t))
     after = np.clip(np.searchsorted(t, times.profiles), 1, len(t) - 1)
-    before = after - 1
-    is_after = np.abs(t[after] - times.profiles) < np.abs(t[before] - times.profiles)
-    nearest = np.where(is_after, after, before)
+    nearest = np.searchsorted((t[1:] + t[:-1]) / 2, times.profiles)
     apart = np.abs(t[nearest] - times.profiles)
     is_near = apart <= step
     if is_near.mean() < 0.5:
         return None
-    still = stands_still(poses, order[before], order[after])
+    still = stands_still(poses, order[after - 1], order[after])
     if step <= A_MOMENT_S and still[is_near].mean() < 0.5:
         return Pairing(order, "by time, in motion", times._replace(log=t))
     how = "by time"

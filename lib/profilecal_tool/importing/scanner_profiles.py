@@ -18,6 +18,7 @@ from profilecal_tool.importing.blocks import (
     Column,
     Part,
     column_titled,
+    counted,
     label_of,
     parts_called,
 )
@@ -39,6 +40,11 @@ class Profiles(NamedTuple):
 
     names: list[str]  # "" for those without
     points: list[ndarray]  # of each (n, 2), mm; NaN where nothing was seen
+
+    def at(self, order: ndarray) -> "Profiles":
+        """Some of them in an order; those without a name are numbered."""
+        names = self.names if all(self.names) else counted(len(self.names))
+        return Profiles([names[k] for k in order], [self.points[k] for k in order])
 
 
 def with_a_point_a_row(block: Block, layout: Layout) -> Block:

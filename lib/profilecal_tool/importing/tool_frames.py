@@ -17,17 +17,14 @@ TO_FILL_IN = ("X", "Y", "Z", "A", "B", "C")  # an answer that nobody can guess
 
 
 def said_in_program(
-    poses: Part, beside: Iterable[Block], kind: str, columns: Sequence[str]
-) -> list[list[str]]:
-    """What programs of the poses' maker say in any file, of a kind: rows of columns, in
-    which "" stands for what a line does not say.
-    """
+    poses: Part, beside: Iterable[Block], kind: str
+) -> list[dict[str, str]]:
+    """What lines of a kind say in programs of the poses' maker, in any file."""
     rows = []
     for block in beside:
-        if block.robot and (block.robot, block.kind) == (poses.block.robot, kind):
+        if (block.robot, block.kind) == (poses.block.robot, kind):
             table = block.table.set_axis(block.titles, axis=1)
-            table = table.reindex(columns=columns).astype(object)
-            rows += table.fillna("").to_numpy().tolist()
+            rows += table.astype(object).fillna("").to_dict("records")
     return rows
 
 
@@ -38,15 +35,14 @@ class Frame(NamedTuple):
     numbers: tuple[float, ...]  # x, y, z, and the orientation
 
 
-def uses_of(
-    poses: Part, beside: Iterable[Block], which: str
-) -> list[tuple[str | None, str]]:
-    """The names of poses, "" or None for all that follow, and of the tools or bases
-    that they have, as programs and columns say.
+def uses_of(poses: Part, beside: Iterable[Block], which: str) -> list[tuple[str, str]]:
+    """The names of poses, "" where a line says none, and of the tools or bases that
+    they have, as programs and columns say.
     """
-    uses = said_in_program(poses, beside, "uses", ["name", which])
+    rows = said_in_program(poses, beside, "uses")
+    uses = [(row.get("name", ""), row.get(which, "")) for row in rows]
     for column in poses.block.having(which):
-        uses += [[None, label_of(cell)] for cell in poses.block.table[column.at]]
+        uses += [("", label_of(cell)) for cell in poses.block.table[column.at]]
     return [(name, used.lower().partition("[")[0]) for name, used in uses if used]
 
 
@@ -101,11 +97,15 @@ def frames_of_tools(poses: Part, beside: Iterable[Block], used: str) -> set[Fram
     """The tools' frames that files say, in the convention of the poses."""
     maker = ROBOTS.get(poses.block.robot)
     kind = maker.tools_in if maker and used else "tool"
+    rows = said_in_program(poses, beside, kind)
     columns = [*XYZ, *poses.convention.columns]
-    rows = said_in_program(poses, beside, kind, ["name", *columns])
     if offset := poses.block.poses.get("tcp_offset"):
-        rows = [["", *row] for row in offset.numbers(columns).tolist()]
-    return {Frame(name.lower(), tuple(map(float, row))) for name, *row in rows}
+        numbers = offset.numbers(columns).tolist()
+        rows = [dict(zip(columns, row, strict=True)) for row in numbers]
+    return {
+        Frame(row.get("name", "").lower(), tuple(float(row[c]) for c in columns))
+        for row in rows
+    }
 
 
 def frame_called(used: str, poses: Part, frames: Iterable[Frame]) -> Frame | None:

@@ -206,6 +206,7 @@ ASKED = {
     "a tool that no line uses": (declared, people.one_each, "is declared, and no line"),
     "two poses": (two_poses, people.one_each, "one or two"),
     "two frames in turn": (transforms, people.one_each, "tools tool0, camera_link"),
+    "point clouds": (people.tum, people.point_clouds, "no x and z in columns 1, 2, 3"),
     "no columns": (*points_of("", "7"), "no x and z"),
     "a title that is not there": (
         people.csv,
