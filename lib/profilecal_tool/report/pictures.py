@@ -297,7 +297,8 @@ def plot_points(found: Calibration) -> plt.Figure:
     x, z = np.linspace(middle - size, middle + size, 40).T
     sd = np.linalg.norm(found.point_sd_mm(*np.meshgrid(x, z)), axis=-1)
     figure, (axes,) = panels(1, 1, 4.0, "A point is known to … mm")
-    lines = axes.contour(x, z, sd, 4, colors=BLUE, linewidths=1)
+    few = plt.MaxNLocator(4, steps=[1, 2, 5, 10])
+    lines = axes.contour(x, z, sd, locator=few, colors=BLUE, linewidths=1)
     axes.clabel(lines, fmt="%.4g", fontsize=8)
     some = seen[:, :: 1 + seen.shape[1] // 2000]
     axes.plot(*some, ".", ms=1.5, color="0.6", label="seen")
