@@ -16,7 +16,8 @@ import time
 sys.modules["rfc3987_syntax"] = None
 # after the notebooks, so that no core waits for one of them in the end
 LONG = ("test_notebooks.py", "test_sweep.py", "test_import_scan.py", "test_command.py")
-LONG += ("test_page.py", "test_stopped.py")
+LONG += ("test_page.py", "test_stopped.py", "test_delay.py", "test_fuzz.py")
+LONG += ("test_without_processes.py", "test_documented.py")
 IMPORTED = ("matplotlib.pyplot", "scipy.stats", "ipykernel.kernelapp")
 IMPORTED += ("profilecal_tool.report.page", "profilecal_tool.sweep")
 IMPORTED += ("profilecal_tool.plan.task", "profilecal_tool.importing.import_scan")

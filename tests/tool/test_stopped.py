@@ -34,7 +34,7 @@ def robots_files(tmp_path):
     folder = tmp_path / "mine"
     folder.mkdir()
     rng = default_rng(2)
-    np.save(folder / "profiles.npy", rng.uniform(50, 90, (40, 20_000, 2)))
+    np.save(folder / "profiles.npy", rng.uniform(50, 90, (40, 10_000, 2)))
     rows = ["x,y,z,qw,qx,qy,qz"]
     for x, y, z in rng.uniform(300, 500, (40, 3)):
         rows.append(f"{x},{y},{z},1,0,0,0")
