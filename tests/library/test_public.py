@@ -168,8 +168,9 @@ def test_one_pose_is_one_in_words():
     assert repr(scan) == "Scan(point, 1 pose of 1 orientation, points, eye-in-hand)"
 
 
-def test_results_are_handed_to_other_processes():
-    found = pc.calibrate(pc.simulate("disk", seed=1)[0])
+@pytest.mark.parametrize("entries", [{}, {"motion": {"sweeps": 8, "profiles": 20}}])
+def test_results_are_handed_to_other_processes(entries):
+    found = pc.calibrate(pc.simulate("disk", seed=1, **entries)[0])
     again = pickle.loads(pickle.dumps(found))
     assert again.to_json() == found.to_json()
     assert len(pc.self_test(again, 10).squares) == 10

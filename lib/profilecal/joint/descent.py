@@ -17,12 +17,12 @@ POSES = 40  # that the search looks at
 ROUGHLY = 1e-6  # tolerance of refinements
 # 60 rotations: any rotation is within 45° of one of them
 GRID = Rotation.create_group("I").as_matrix()
-COARSE = Rotation.create_group("T").as_matrix()  # 12
+START_ROTATIONS = Rotation.create_group("T").as_matrix()  # 12
 HOPELESS = 100.0  # times the noise, or the best loss
 KEPT = 6  # starts that all poses are looked at from
 # Rounds of a search: how many steps, how many states are kept after them, and how many
 # times the best loss those may have.
-ROUNDS = [(6, 24, 10 * HOPELESS), (8, 10, 10 * HOPELESS), (16, KEPT, HOPELESS)]
+SEARCH_ROUNDS = [(6, 24, 10 * HOPELESS), (8, 10, 10 * HOPELESS), (16, KEPT, HOPELESS)]
 
 
 def refine(
@@ -110,7 +110,7 @@ def search(problem: Problem, starts: Sequence = ()) -> State:
     if all(term.target.fit_is_best for term in few.terms):
         # targets can be placed at every step: a coarse grid will do if several of its
         # starts end at one pose that fits
-        state = started(few, COARSE, starts)
+        state = started(few, START_ROTATIONS, starts)
         for _ in range(2):
             fits = onward(few, state, steps=8)
             state = fits.state
@@ -119,7 +119,7 @@ def search(problem: Problem, starts: Sequence = ()) -> State:
                 limit = HOPELESS * max(fits.loss[0], count)
                 return distinct(state[fits.loss < limit])
     state = started(few, GRID, starts)
-    for steps, most, hopeless in ROUNDS:
+    for steps, most, hopeless in SEARCH_ROUNDS:
         fits = onward(few, state, steps)
         limit = hopeless * max(fits.loss[0], count)
         state = distinct(fits.state[fits.loss < limit], most)

@@ -10,9 +10,10 @@ The answer is therefore its average over all sizes, as likely as data and prior 
 them, and its region is one that holds over all of them.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
@@ -32,10 +33,11 @@ DRAWS = 32  # sizes looked at
 TAILS = 4.0  # degrees of freedom of the t law that they are drawn from
 # coordinates of a normal law, one for each fortieth
 NORMAL = ndtri((np.arange(40) + 0.5) / 40)
-COARSE = np.linspace(-2.5, 1.5, 6)  # where the search of the likeliest begins
+START_SIZES = np.linspace(-2.5, 1.5, 6)  # where the search of the likeliest begins
 FARTHEST = 5.0  # the likeliest coordinates are sought up to here
+PROMISE = 1e-3  # of the log density: a step to the likeliest that is not looked at
 STEP = 1e-4  # of coordinates, for the derivatives of variances
-OF_PRIOR = 0.6  # coordinates that spread by less than this are known from the data
+FROM_DATA = 0.6  # coordinates that spread by less than this are known from the data
 
 
 @dataclass(frozen=True)
@@ -90,9 +92,7 @@ class Likeliest:
         return float(height + np.linalg.slogdet(self.root)[1])
 
 
-def likeliest(
-    model: LinearModel, law: Law, y: ndarray | None = None, tolerance: float = 1e-3
-) -> Likeliest:
+def likeliest(model: LinearModel, law: Law, y: ndarray | None = None) -> Likeliest:
     """The likeliest sizes, by Newton's method from some coordinates `y` (d,), or from
     the best of several that all errors of the robot have.
 
@@ -106,10 +106,10 @@ def likeliest(
         ∂h/∂y = g v' - y        -∂²h/∂y² ≈ v' I v' + 1 - g v''
 
     Curvatures of less than a half of the prior's are taken for a half. Ends where a
-    step promises less than `tolerance` of h; steps that do not raise h are halved.
+    step promises less than PROMISE of h; steps that do not raise h are halved.
     """
     if y is None:
-        some = np.outer(COARSE, law.free > 0)
+        some = np.outer(START_SIZES, law.free > 0)
         heights = log_density(model.posterior(law.variances(some)), some)
         y = some[np.argmax(heights)]
 
@@ -131,7 +131,7 @@ def likeliest(
         step = vectors @ (vectors.T @ uphill / values)
         step *= 1.5 / np.abs(step).max(initial=1.5)
         step = np.clip(y + step, -FARTHEST, FARTHEST) - y
-        if uphill @ step / 2 < tolerance:
+        if uphill @ step / 2 < PROMISE:
             break
         while (there := look(y + step))[0] < h:
             step = step / 2
@@ -217,6 +217,15 @@ class Weighed(Batch):
     poor: ndarray  # (N, n) which errors are believed to be POORER times the usual
 
 
+class Belief(NamedTuple):
+    """What follows from a law of the sizes of errors."""
+
+    law: Law
+    y: ndarray  # (S, d) coordinates drawn
+    # of them; again and again, for all that is believed of scanner and target
+    weighed: Weighed
+
+
 def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     """What is known over all sizes that data and prior allow, of which the likeliest
     are known.
@@ -228,45 +237,22 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
         x̄ = Σ w x̂        Σ w (V + (x̂ - x̄) (x̂ - x̄)ᵀ)
 
     The covariance is then enlarged until its region holds over all sizes (`growth`).
-
-    The sizes themselves are what the draws say of each, a normal law of its coordinate
-    of their mean and spread: so few draws have no tails.
     """
     law = prior.law(model.names)
     beliefs = [of_scanners(model, law, likely), *of_robots(model, prior, law, likely)]
-    draws = Weighed.join(*(weighed for _, _, weighed in beliefs))
+    draws = Weighed.join(*(belief.weighed for belief in beliefs))
     w = softmax(draws.log_weight)
     mean = w @ draws.x
     off = draws.x - mean
     covariance = np.tensordot(w, draws.covariance, 1) + off.T * w @ off
     of_pose = off[:, :6]
-    squares = draws.covariance[:, :6, :6] + of_pose[:, :, None] * of_pose[:, None]
-    enlarged = growth(squares, w)
-
-    believed, log_share, spreads = [], [], []
-    for law, y, weighed in beliefs:
-        log_weight = np.logaddexp.reduce(weighed.log_weight.reshape(-1, len(y)))
-        of_draw = softmax(log_weight)
-        centre = of_draw @ y
-        spread = np.zeros(len(law.scales))
-        spread[law.free] = np.sqrt(of_draw @ (y - centre) ** 2)
-        spreads.append(spread)
-        y = centre + spread[law.free] * NORMAL[:, None]
-        believed.append(np.sqrt(law.variances(y)))
-        log_share += [np.logaddexp.reduce(log_weight)] * len(y)
-    share = softmax(log_share)
+    of_pose = of_pose[:, :, None] * of_pose[:, None]
+    squared_errors = draws.covariance[:, :6, :6] + of_pose
+    enlarged = growth(squared_errors, w)
 
     names = ("profile_mm", *model.names)
     units = np.r_[prior.scales.profile_mm, np.ones(len(model.names))]
-    sizes = []
-    believed = units * np.concatenate(believed)
-    for name, values, wide in zip(names, believed.T, spreads[0], strict=True):
-        order = np.argsort(values)
-        below = np.cumsum(share[order]) - share[order] / 2
-        ends = np.interp([0.025, 0.5, 0.975], below, values[order])
-        low, middle, high = ends.tolist()
-        from_data = name == "profile_mm" or bool(wide < OF_PRIOR)
-        sizes.append(Size(name, low, middle, high, from_data))
+    sizes = sizes_of(beliefs, names, units)
     middles = np.array([size.middle for size in sizes]) / units
     at_mm = [100 * np.radians(1) if name.endswith("deg") else 1 for name in names]
     at_mm *= np.not_equal(names, SMOOTH)  # they are no fresh errors
@@ -274,7 +260,7 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     # χ² of f degrees of freedom has the relative variance 2 / f
     relative = w @ (together / (w @ together) - 1) ** 2
     return ErrorSizes(
-        sizes=tuple(sizes),
+        sizes=sizes,
         v=middles**2,
         mean=mean,
         covariance=enlarged * covariance,
@@ -285,12 +271,41 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     )
 
 
-def of_scanners(
-    model: LinearModel, law: Law, likely: Likeliest
-) -> tuple[Law, ndarray, Weighed]:
-    """The sizes' law, the coordinates (S, d) drawn of them, and what follows: by the
-    usual belief, and by those that one error of scanner or target, or all of them, are
-    POORER times as large. What the residuals speak against is left out.
+def sizes_of(
+    beliefs: Sequence[Belief], names: Sequence[str], units: ndarray
+) -> tuple[Size, ...]:
+    """How large the errors of these names are, in their `units` (1 + k,): by each
+    belief a normal law of their coordinates, of the mean and the spread of its draws,
+    for so few draws have no tails; and each belief has its share.
+    """
+    believed, log_share, spreads = [], [], []
+    for law, y, weighed in beliefs:
+        log_weight = np.logaddexp.reduce(weighed.log_weight.reshape(-1, len(y)))
+        of_draw = softmax(log_weight)
+        centre = of_draw @ y
+        spread = np.zeros(len(law.scales))
+        spread[law.free] = np.sqrt(of_draw @ (y - centre) ** 2)
+        spreads.append(spread)
+        y = centre + spread[law.free] * NORMAL[:, None]
+        believed.append(units * np.sqrt(law.variances(y)))
+        log_share += [np.logaddexp.reduce(log_weight)] * len(y)
+    share = softmax(log_share)
+
+    sizes = []
+    columns = np.concatenate(believed).T
+    for name, values, wide in zip(names, columns, spreads[0], strict=True):
+        order = np.argsort(values)
+        below = np.cumsum(share[order]) - share[order] / 2
+        ends = np.interp([0.025, 0.5, 0.975], below, values[order])
+        low, middle, high = ends.tolist()
+        from_data = name == "profile_mm" or bool(wide < FROM_DATA)
+        sizes.append(Size(name, low, middle, high, from_data))
+    return tuple(sizes)
+
+
+def of_scanners(model: LinearModel, law: Law, likely: Likeliest) -> Belief:
+    """By the usual belief, and by those that one error of scanner or target, or all of
+    them, are POORER times as large. What the residuals speak against is left out.
 
     The draws are those of the likeliest belief. They do for the others: how much the
     data favour a poor scanner hardly hangs on the sizes.
@@ -315,14 +330,14 @@ def of_scanners(
         np.tile(posterior.v, (len(poor), 1)),
         poor.repeat(len(y), axis=0),
     )
-    return law, y, weighed
+    return Belief(law, y, weighed)
 
 
 def of_robots(
     model: LinearModel, prior: Prior, usual: Law, likely: Likeliest
-) -> Iterator[tuple[Law, ndarray, Weighed]]:
-    """The same where the robot is believed to err smoothly alone, or to err as usual
-    where less is stated; without what the data speak against.
+) -> Iterator[Belief]:
+    """Where the robot is believed to err smoothly alone, or to err as usual where less
+    is stated; without what the data speak against.
     """
     if not model.names or prior.robot_known:
         return
@@ -344,21 +359,21 @@ def of_robots(
             posterior.v,
             np.zeros_like(posterior.mean),
         )
-        yield law, y, weighed
+        yield Belief(law, y, weighed)
 
 
-def growth(squares: ndarray, weight: ndarray) -> float:
+def growth(squared_errors: ndarray, weight: ndarray) -> float:
     """How much larger than its mean the covariance of the sensor pose has to be for its
     region to hold over all sizes, but for a chance FALSE_ALARM.
 
-    Squares Q (S, 6, 6) with weights w (S,) are mean squares of the error, C = Σ w Q
-    their mean. If the squares are Q, the error squared over C has the mean
-    a = tr C⁻¹Q and the variance 2 b, b = tr (C⁻¹Q)². It is taken for a multiple b/a of
-    χ² with a²/b degrees of freedom (Satterthwaite 1946). The factor c enlarges C until,
-    on average over w, the chance that it exceeds c times the limit of χ² with six
-    degrees of freedom is FALSE_ALARM.
+    Mean squared errors Q (S, 6, 6) have the weights w (S,) and the mean C = Σ w Q. By
+    one Q, the error squared over C has the mean a = tr C⁻¹Q and the variance 2 b, b =
+    tr (C⁻¹Q)². It is taken for a multiple b/a of χ² with a²/b degrees of freedom
+    (Satterthwaite 1946). The factor c enlarges C until, on average over w, the chance
+    that it exceeds c times the limit of χ² with six degrees of freedom is FALSE_ALARM.
     """
-    ratio = np.linalg.solve(np.tensordot(weight, squares, 1), squares)
+    mean = np.tensordot(weight, squared_errors, 1)
+    ratio = np.linalg.solve(mean, squared_errors)
     a = np.einsum("sii->s", ratio)
     b = np.einsum("sij,sji->s", ratio, ratio)
     limit = chi2_limit(FALSE_ALARM, 6)

@@ -13,7 +13,7 @@ sheet's repeatability for instance: its law has the longer tail.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy import ndarray
@@ -143,15 +143,8 @@ class Prior:
         """The errors of the robot that there are, entries of `Noise`: all if known,
         else the distinguishable ones.
         """
-        return [
-            name
-            for name in ESTIMATED
-            if getattr(self.scales, name)
-            and (
-                name in (*distinguishable, SMOOTH)
-                or (self.robot_known and name in ROBOT)
-            )
-        ]
+        there = {SMOOTH, *distinguishable, *(ROBOT if self.robot_known else ())}
+        return [n for n in ESTIMATED if n in there and getattr(self.scales, n)]
 
     @property
     def usual(self) -> "Prior | None":
@@ -302,7 +295,7 @@ def of_clocks(observations: Sequence[Observations]) -> dict[Perturbation, float]
         "the scanner's clock was too {} by {} ppm",
         1e6,
         ("slow", "fast"),
-        clock=lambda times: times - middle,
+        clock=partial(np.add, -middle),  # not a lambda: results are pickled
         name="drift",
     )
     sd_s = 1e-6 if moving[0].delay_known else DELAY_S
@@ -313,10 +306,9 @@ def of_target(targets: Sequence[type[Target]]) -> list[Perturbation]:
     """The targets' errors: wrong lengths, each once."""
     names = dict.fromkeys(name for target in targets for name in target.lengths)
     words = "the {} was too {{}} by {{}} mm"
+    prior = "tolerance_mm"
     return [
-        Perturbation(
-            words.format(name), 1, prior="tolerance_mm", length=name, name=name
-        )
+        Perturbation(words.format(name), 1, prior=prior, length=name, name=name)
         for name in names
     ]
 

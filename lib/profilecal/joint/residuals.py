@@ -63,19 +63,15 @@ class Residuals:
         """How precise residuals are: `sd` (B|1, m, rows, P) of each point's, and
         `whiten` (B|1, K, K, P), which makes those of a pose independent, if need be.
         """
+        rows = [1.0] if self.in_space else self.target.residual_sd(noise)
         of_points = np.ones((1, self.m, self.P))
         self.whiten = None
         covariance = self.observed.covariance
         if covariance is not None and self.observed.on_curve:
             of_points = np.sqrt(covariance.mT)
-        elif covariance is not None and self.in_space:
-            variances = np.diagonal(covariance, axis1=2, axis2=3)
-            of_x_and_z = variances.reshape(-1, self.P, self.m, 2)
-            of_points = np.sqrt(of_x_and_z.mean(axis=3)).mT
-        elif covariance is not None:
+        elif covariance is not None and not self.in_space:  # a search does without it
             whiten = np.linalg.inv(np.linalg.cholesky(covariance))
             self.whiten = np.moveaxis(whiten, 1, -1)
-        rows = [1.0] if self.in_space else self.target.residual_sd(noise)
         self.sd = of_points[:, :, None] * noise.profile_mm * np.array(rows)[:, None]
 
     def linearise(self, state: State, placement: tuple) -> ndarray:

@@ -87,7 +87,8 @@ class Solution:
         mean = np.append(np.zeros(n), sizes.mean[n:])
         covariance = sizes.covariance / sizes.enlarged
         mean, covariance = posterior.with_smooth(mean, covariance)
-        last = -posterior.m  # smooth errors
+        # smooth errors stand first in the model's columns, and last here
+        last = -posterior.m
         covariance = np.roll(sizes.enlarged * covariance, (last, last), (0, 1))
         return np.roll(mean, last), covariance
 

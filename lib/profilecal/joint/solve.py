@@ -123,41 +123,38 @@ def typical_mm(problem: Problem, fits: Fit) -> float:
     """How large the residuals of most poses are in the first of some fits; in mm, as
     the noise of points need not be the same in all directions.
     """
-    medians = []
-    for term, placement in zip(problem.terms, fits.state[[0]].placements, strict=True):
-        (columns,) = term.linearise(fits.state[[0]], placement)
-        k = np.maximum(term.counts[0], 1)
-        squares = np.nansum(columns[term.residual] ** 2, axis=0)
-        medians.append(np.median(squares / chi2_limit(0.5, k)))
-    return float(np.sqrt(np.mean(medians)))
+    alike = problem.of(replace(seen, covariance=None) for seen in problem.observations)
+    there = alike.moments(fits.state[[0]])
+    return float(alike.typical(there)[0] * problem.noise.profile_mm)
 
 
 def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
     """Fits to most of the poses, best first.
 
-    By Cauchy's loss where least squares leave poses that contradict the others, or
-    residuals that are large for all (many bad poses hide each other); and after another
-    search among them where that leaves many such poses, or large residuals. By least
-    squares for a handful of poses, where some fit to most of them is nearly exact.
+    By least squares where no pose contradicts that and residuals are as usual; else by
+    Cauchy's loss; and after another search among its fits where these leave many poses
+    that contradict, or large residuals: many bad poses hide each other.
     """
-
     # where nothing says how large residuals usually are, the robust fit is looked at
-    limit_mm = 2 * usual_mm or np.inf
-
-    def is_doubtful(fits: Fit, share: float) -> bool:
-        is_large = typical_mm(problem, fits) > limit_mm
-        return is_large or np.mean(contradicting(problem, fits, usual_mm)) > share
-
-    if usual_mm and not is_doubtful(fits, 0.0):
+    if usual_mm and not is_doubtful(problem, fits, usual_mm, 0.0):
         return fits
     robust = robust_fit(problem, fits.state)
-    if is_doubtful(robust, MANY):
+    if is_doubtful(problem, robust, usual_mm, MANY):
         state = search_among_outliers(problem, robust.state)
         robust = robust_fit(problem, state)
     agreeing = ~contradicting(problem, robust, usual_mm)
     if problem.freedoms[agreeing].sum() > problem.n:
         return robust
+    # of a handful of poses some fit to most is nearly exact, and says nothing
     return least_squares(problem, fits.state.join(robust.state))
+
+
+def is_doubtful(problem: Problem, fits: Fit, usual_mm: float, share: float) -> bool:
+    """Whether residuals of the best fit are twice as large as usual, or more than a
+    share of the poses contradict it.
+    """
+    is_large = bool(usual_mm) and typical_mm(problem, fits) > 2 * usual_mm
+    return is_large or np.mean(contradicting(problem, fits, usual_mm)) > share
 
 
 def contradicting(problem: Problem, fits: Fit, usual_mm: float) -> ndarray:
@@ -200,6 +197,8 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
     names = prior.names(problem.groups.distinguishable)
     law = prior.law(names)
     y = None
+    # profiles: `first`, that large errors explain; `kept`, that a model rests on;
+    # `after`, that belong by what it says
     for turn in range(ROUNDS):
         columns = problem.columns_in_mm(state)
         model = problem.model(state, names, columns=columns)
@@ -211,27 +210,42 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
         model = model.keeping(kept)
         likely = likeliest(model, law, y)
         y, posterior = likely.y, likely.posterior
-        x = posterior.mean[0]
         after = kept
         if robust:
-            after = belonging(problem, model, *squares_left_out(model, posterior))
-            rejected = np.mean(first) - np.mean(after)
-            too_few = model.counts[after].sum() <= problem.n
-            if rejected > LARGEST_REJECTED or too_few:
-                after = first  # the model is at fault, not the poses
-        # What is left to the next step is such a part of this step as this step is of a
-        # radian, or of 100 mm: the residuals are linear but for squares.
-        left = np.abs(x) * reach(posterior.mean)
-        variance = np.diag(posterior.covariance[0])
-        small = (left**2 < 0.002**2 * variance)[: problem.n].all()
-        if problem.clock is not None:  # poses follow a delay less evenly
-            small &= x[problem.clock] ** 2 < 0.02**2 * variance[problem.clock]
-        settled = (after == kept).all() and small
+            after = still_belonging(problem, model, posterior, first)
+        settled = (after == kept).all() and leaves_little(problem, posterior)
         if settled or turn == ROUNDS - 1:
             break
-        problem, state = after_step(problem, state, x)
+        problem, state = after_step(problem, state, posterior.mean[0])
         kept = after
     return Estimate(problem, state, columns, model, average(model, prior, likely))
+
+
+def still_belonging(
+    problem: Problem, model: LinearModel, posterior: Posterior, first: ndarray
+) -> ndarray:
+    """The profiles (profiles,) that belong to what all others say; or the `first` ones,
+    if so few do that not poses are at fault, but the model.
+    """
+    after = belonging(problem, model, *chi2_left_out(model, posterior))
+    rejected = np.mean(first) - np.mean(after)
+    too_few = model.counts[after].sum() <= problem.n
+    return first if rejected > LARGEST_REJECTED or too_few else after
+
+
+def leaves_little(problem: Problem, posterior: Posterior) -> bool:
+    """Whether the step of all unknowns leaves little to the next one, compared with how
+    well they are known.
+
+    That is such a part of this step as this step is of a radian, or of 100 mm: the
+    residuals are linear but for squares.
+    """
+    (x,), variance = posterior.mean, np.diag(posterior.covariance[0])
+    left = np.abs(x) * reach(posterior.mean)
+    small = (left**2 < 0.002**2 * variance)[: problem.n].all()
+    if problem.clock is not None:  # poses follow a delay less evenly
+        small &= x[problem.clock] ** 2 < 0.02**2 * variance[problem.clock]
+    return bool(small)
 
 
 def after_step(problem: Problem, state: State, x: ndarray) -> tuple[Problem, State]:
@@ -262,7 +276,7 @@ def of_large_errors(
         (v,) = law.variances(np.full((1, len(law.free)), large))
         v[0] = scanner**2
         now = np.eye(model.n + 1)[-1]
-        by_itself = squares(model, now, model.Y[..., -1], model.own(v), v[0])
+        by_itself = chi2_of_each(model, now, model.Y[..., -1], model.own(v), v[0])
         kept = belonging(problem, model, *by_itself)
         if np.mean(~kept) <= 0.2:
             break
@@ -272,11 +286,11 @@ def of_large_errors(
 def belonging(
     problem: Problem, model: LinearModel, of_flange: ndarray, of_rest: ndarray
 ) -> ndarray:
-    """The profiles (profiles,) whose residuals, by their `squares`, chance explains,
-    but for those of groups of which it does not explain more than half.
+    """The profiles (profiles,) whose residuals, by their χ², chance explains, but for
+    those of groups of which it does not explain more than half.
 
     Profiles that were left out so far had no part in estimating the sizes of errors,
-    which the others tell only roughly: their squares follow F's law in place of χ².
+    which the others tell only roughly: their χ² follow F's law in place of χ².
     """
     chance = FALSE_ALARM / 2 / len(of_rest)  # two tests of each
     rest = model.counts - model.ranks
@@ -291,7 +305,7 @@ def belonging(
     return ~(bad | crowd[group])
 
 
-def squares(
+def chi2_of_each(
     model: LinearModel, x: ndarray, errors: ndarray, covariances: ndarray, v: float
 ) -> tuple[ndarray, ndarray]:
     """χ² (profiles,) of the rows that speak of the flange, of these errors (profiles,
@@ -304,12 +318,10 @@ def squares(
     return np.maximum(of_flange, 0), np.sum(rest**2, axis=1) / v
 
 
-def squares_left_out(
-    model: LinearModel, posterior: Posterior
-) -> tuple[ndarray, ndarray]:
-    """The `squares` of each profile by what all others say of it."""
+def chi2_left_out(model: LinearModel, posterior: Posterior) -> tuple[ndarray, ndarray]:
+    """The same, by what all other profiles say of each."""
     x = np.append(posterior.mean[0], 1.0)
-    return squares(model, x, *model.left_out(posterior), posterior.v[0, 0])
+    return chi2_of_each(model, x, *model.left_out(posterior), posterior.v[0, 0])
 
 
 def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
@@ -321,7 +333,7 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
     n = problem.n
     error_sizes = estimated.error_sizes
     posterior = model.posterior(error_sizes.v[None])
-    square = sum(squares_left_out(model, posterior)) / np.maximum(model.counts, 1)
+    square = sum(chi2_left_out(model, posterior)) / np.maximum(model.counts, 1)
     problem, state = after_step(problem, estimated.state, error_sizes.mean)
     chi2 = float(posterior.square[0])
     dof = max(int(model.counts[model.kept].sum()) - n, 1)
