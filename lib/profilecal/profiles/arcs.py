@@ -70,25 +70,45 @@ class Section:
 
 
 @dataclass(frozen=True)
-class BallSections:
+class Kind:
+    """The sections of a body, one of which an arc may be."""
+
+    radius: float  # mm, of the body
+    largest = 1.0  # of circles with which a search begins, in radii
+
+    @property
+    def missing(self) -> str:
+        """That there is none, in words."""
+        raise NotImplementedError
+
+    def nearest(self, points: ndarray, near: Section) -> Section | None:
+        """The section nearest to points (k, 2), looked for from one `near` them, if it
+        is needed; None if they do not tell, or it cannot be the body's.
+        """
+        raise NotImplementedError
+
+    def why_not(self, found: Section, points: ndarray, on: ndarray, mm: float) -> str:
+        """What speaks against a section through points (k, 2) of a profile, of which
+        some are `on` it, as indices, to within some mm, being one of the body. Empty if
+        nothing does.
+        """
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class BallSections(Kind):
     """Circles, as large as the ball or smaller."""
 
-    radius: float  # mm, of the ball
-    largest = 1.2  # of circles with which a search begins, in radii
+    largest = 1.2
     missing = "no arc of a circle as large as the ball or smaller"
 
     def nearest(self, points: ndarray, near: Section) -> Section | None:
-        """The circle nearest to points (k, 2), whatever was near; None if they are too
-        few places to tell.
-        """
+        """The circle, whatever was near."""
         circle = fit_circle(points)
         return section_of(circle) if np.isfinite(circle).all() else None
 
     def why_not(self, found: Section, points: ndarray, on: ndarray, mm: float) -> str:
-        """What speaks against a circle through points (k, 2) of a profile, of which
-        some are `on` it, as indices, to within some mm, being one of the ball: that it
-        is larger. Empty if nothing does.
-        """
+        """That a circle is larger than the ball."""
         off, normals = found.off_and_normals(points[on])
         J = np.column_stack([normals, np.ones(len(off))])  # by centre and radius
         variance = (off**2).sum() / max(len(off) - 3, 1) * variance_inflation(off)
@@ -100,21 +120,20 @@ class BallSections:
 
 
 @dataclass(frozen=True)
-class RodSections:
+class RodSections(Kind):
     """Ellipses, by planes that are not too far off square to the rod."""
 
-    radius: float  # mm, of the rod
     largest = 2.5
 
     @property
     def missing(self) -> str:
-        """That there is none, in words."""
+        """With how the rod has to stand."""
         square = f"within {LARGEST_TILT_DEG:.0f}° of square to the profile"
         return f"no arc of a rod of {self.radius:.4g} mm whose axis is {square}"
 
     def nearest(self, points: ndarray, near: Section) -> Section | None:
-        """The section nearest to points (k, 2), k ≥ 4, by least squares, starting at
-        one near them or leaning from a circle; None if it leans too far.
+        """The ellipse by least squares, k ≥ 4, from one near or leaning from a circle;
+        None if it leans too far.
         """
 
         def section_at(state: ndarray) -> Section:
@@ -140,8 +159,8 @@ class RodSections:
         return nearest if np.hypot(*nearest.lean) < steepest else None  # false for NaN
 
     def why_not(self, found: Section, points: ndarray, on: ndarray, mm: float) -> str:
-        """What speaks against a section being one of the rod: that the surface leaves
-        it gradually, as larger or smaller ones do, and not by a step.
+        """That the surface leaves the section gradually, as that of larger or smaller
+        rods does, and not by a step.
         """
         before, after = points[: on[0]][::-1], points[on[-1] + 1 :]
         for beyond in (before, after):
@@ -151,9 +170,6 @@ class RodSections:
                 rod = f"a rod of {found.radius:.4g} mm"
                 return f"an arc that goes on where {rod} bends away"
         return ""
-
-
-Kind = BallSections | RodSections
 
 
 def find_balls(profiles: Profiles, radius: float) -> list[Feature]:

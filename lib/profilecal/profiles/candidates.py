@@ -18,8 +18,10 @@ class Look(NamedTuple):
     """What the target's features in all profiles of a scan have in common."""
 
     shape: str
-    # that tells a feature from others of its shape: of z where a corner points or a
-    # chord's steps lead; of x from a face's middle to its step end; 0: nothing does
+    # what tells a feature from others of its shape; 0: nothing does
+    # - of a corner: the sign of z, the way it points
+    # - of a step end: the sign of x, the way from the face's middle to it
+    # - of a chord: the sign of z, the way its steps lead to what is behind it
     sign: int = 0
 
 

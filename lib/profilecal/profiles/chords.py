@@ -8,13 +8,13 @@ import numpy as np
 
 from profilecal.profiles.candidates import Candidate, choose, ranked
 from profilecal.profiles.ends import View, facing, run_end, step_beyond
-from profilecal.profiles.points import Feature, Profiles
-from profilecal.profiles.runs import Run, runs_in_each
+from profilecal.profiles.points import Feature, Profiles, in_each
+from profilecal.profiles.runs import Run, straight_runs
 
 
 def find_chords(profiles: Profiles, radius: float) -> list[Feature]:
     """The tips of the disk's chord in each profile (n, 2), mm."""
-    found = runs_in_each(profiles)
+    found = in_each(profiles, straight_runs)
     view = View.from_runs(found)
     candidates = [ranked(chords(runs, radius, view)) for runs in found]
     # most chords are in front

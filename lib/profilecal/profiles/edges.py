@@ -11,8 +11,8 @@ from numpy import ndarray
 
 from profilecal.profiles.candidates import AMBIGUOUS, Candidate, Look, choose, ranked
 from profilecal.profiles.ends import BLUNT, View, facing, run_end, step_beyond
-from profilecal.profiles.points import Feature, Profiles, nothing
-from profilecal.profiles.runs import Run, runs_in_each
+from profilecal.profiles.points import Feature, Profiles, in_each, nothing
+from profilecal.profiles.runs import Run, straight_runs
 
 LEAST_SIDE = 10  # points on either side of a corner
 NEAR = 2.0  # mm, from the ends of straight sides to their corner, at most
@@ -24,23 +24,17 @@ def find_edges(profiles: Profiles) -> list[Feature]:
     It is a corner that points at the scanner if many profiles show one, else the end of
     a face. Corners that point away are no edges: there a wall meets a floor.
     """
-    found = runs_in_each(profiles)
+    found = in_each(profiles, straight_runs)
     view = View.from_runs(found)
     candidates = [[*corners(runs, view), *step_ends(runs, view)] for runs in found]
     shown_by = Counter(look for own in candidates for look in {c.look for c in own})
-    look = usual_look(shown_by)
-    other_end = Look(look.shape, -look.sign)
-    if look.shape == "step end" and shown_by[other_end] > AMBIGUOUS * shown_by[look]:
-        # beside one of both ends a side face may show now and then
-        look = usual_look(
-            {one: n for one, n in shown_by.items() if one.shape == "corner" and n > 2}
+    look = look_of_most(shown_by)
+    if not look:
+        reason = (
+            "both ends of a face are seen, in this profile or others: "
+            "which is the edge? Show one of them only"
         )
-        if not look.shape:
-            reason = (
-                "both ends of a face are seen, in this profile or others: "
-                "which is the edge? Show one of them only"
-            )
-            return [nothing(reason)] * len(profiles)
+        return [nothing(reason)] * len(profiles)
     alike = [ranked(c for c in own if c.look == look) for own in candidates]
     reasons = [""] * len(profiles)
     if look.shape == "corner":
@@ -49,8 +43,22 @@ def find_edges(profiles: Profiles) -> list[Feature]:
     return choose(profiles, alike, look.shape, reasons)
 
 
+def look_of_most(shown_by: Counter[Look]) -> Look | None:
+    """The look of the edge, from how many profiles each look is `shown_by`; None where
+    either end of a face may be it.
+    """
+    look = usual_look(shown_by)
+    other_end = shown_by[Look(look.shape, -look.sign)]
+    if look.shape != "step end" or other_end <= AMBIGUOUS * shown_by[look]:
+        return look
+    # beside one of both ends a side face may show now and then
+    often = [look for look, count in shown_by.items() if count > 2]
+    corners = {look: shown_by[look] for look in often if look.shape == "corner"}
+    return usual_look(corners) if corners else None
+
+
 def usual_look(shown_by: dict[Look, int]) -> Look:
-    """The look of the edge, from how many profiles each look is `shown_by`.
+    """The most usual look.
 
     Of the looks that at least half as many profiles show as show the most frequent one,
     it is a corner, if there is one, then the most frequent, and where both tie the one

@@ -85,7 +85,9 @@ class End:
 
     point: ndarray  # (2,) mm
     spacing: ndarray  # (2,) mm, from a point of the run to the next one, outwards
-    overlaps: int  # how often the step's two sides alternate there
+    # how often the step's two sides alternate there: gaps among the run's last points,
+    # in which rows show its other side
+    overlaps: int
     # points of the step's side wall between one and two thresholds from the run's line
     wall: int
     variance: float  # of where a row is along the run, in points²
@@ -136,29 +138,49 @@ def run_end(run: Run) -> End:
     threshold = ON_FACE * np.sqrt(np.mean(run.off**2))
     on_face = np.abs(run.off) <= threshold
     rows, along = run.rows[on_face], run.along[on_face]
+    zone = min(ZONE, len(rows) // 2)
+    numbers, is_gap = numbered(rows, along)
+    wall = wall_points(run, rows[-zone], rows[-1] + zone, threshold)
+    from_end = numbers - (numbers[-1] - wall + 0.5)
+
+    clear = len(rows) - min(max(blurred, 2 * wall), len(rows) // 2)
+    place, spacing, variance = end_at(from_end[:clear], along[:clear])
+    point = run.point + place * run.direction
+    overlaps = is_gap[1 - zone :].sum()
+    return End(point, spacing * run.direction, overlaps, wall, variance)
+
+
+def numbered(rows: ndarray, along: ndarray) -> tuple[ndarray, ndarray]:
+    """Numbers (k,) of a face's points, one by one, where only a long gap counts by its
+    length; and behind which points (k - 1,) there is any gap.
+    """
     steps = np.diff(along)
     usual = steps[steps <= LARGEST_GAP * abs(steps.mean())].mean()
     steps = steps / max(usual, 1e-3)
-    is_gap = steps > LARGEST_GAP
-    numbers = np.cumsum([0, *np.where(is_gap, steps.round(), 1)])
+    is_long = steps > LARGEST_GAP
+    numbers = np.cumsum([0, *np.where(is_long, steps.round(), 1)])
+    usual_spread = steps[~is_long].std()
+    is_gap = (np.diff(rows) > 1) | (steps > 1 + 5 * usual_spread)
+    return numbers, is_gap
 
-    zone = min(ZONE, len(rows) // 2)
-    is_missing = (np.diff(rows) > 1) | (steps > 1 + 5 * steps[~is_gap].std())
-    overlaps = is_missing[1 - zone :].sum()
-    off = np.abs(run.coordinates(run.profile[rows[-zone] : rows[-1] + 1 + zone])[1])
-    wall = ((threshold < off) & (off <= 2 * threshold)).sum()
-    end = numbers[-1] - wall + 0.5
 
-    last = len(rows) - min(max(blurred, 2 * wall), len(rows) // 2)
-    # so many that the rounding of their coordinates averages out
-    before = slice(max(last - 6 * ZONE, 0), last)
-    degree = 2 if last > ZONE else 1  # fewer points show no bend
-    number = numbers[before] - end
-    curve, covariance = np.polyfit(number, along[before], degree, cov=True)
-    spacing, place = max(curve[-2], 1e-3), curve[-1]
-    point = run.point + place * run.direction
+def wall_points(run: Run, first: int, last: int, threshold: float) -> int:
+    """How many points between two rows are off a run's line by one threshold to two."""
+    off = np.abs(run.coordinates(run.profile[first : last + 1])[1])
+    return ((threshold < off) & (off <= 2 * threshold)).sum()
+
+
+def end_at(number: ndarray, along: ndarray) -> tuple[float, float, float]:
+    """Where the point of number 0 would be, how far from the one before it, mm, and the
+    variance of that place, in points².
+    """
+    last = 6 * ZONE  # so many that the rounding of their coordinates averages out
+    degree = 2 if len(number) > ZONE else 1  # fewer points show no bend
+    number, along = number[-last:], along[-last:]
+    curve, covariance = np.polyfit(number, along, degree, cov=True)
+    spacing = max(curve[-2], 1e-3)
     variance = covariance[-1, -1] / spacing**2
-    return End(point, spacing * run.direction, overlaps, wall, variance)
+    return curve[-1], spacing, variance
 
 
 def end_variance(ends: list[End]) -> float:

@@ -9,8 +9,6 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.profiles.points import (
-    Profiles,
-    in_each,
     stretches,
     surface,
     variance_inflation,
@@ -92,11 +90,6 @@ class Run:
         """Of m places (m, 2) on the line, x and z, (m, m, 2, 2) mm²; none along it."""
         square = np.outer(self.normal, self.normal)
         return self.offset_covariance(places)[..., None, None] * square
-
-
-def runs_in_each(profiles: Profiles) -> list[list[Run]]:
-    """The straight runs of each profile (n, 2)."""
-    return in_each(profiles, straight_runs)
 
 
 def straight_runs(profile: ndarray, uneven: float = 0.0) -> list[Run]:
