@@ -54,16 +54,22 @@ def parallel(first: ndarray, second: ndarray, within_deg: float) -> ndarray:
     return traces > 1 + 2 * np.cos(np.radians(within_deg))
 
 
+def chord(angle_deg: float) -> float:
+    """By how much rotation matrices A and B differ that are so far apart,
+    ‖A - B‖ = 2 √(1 - cos θ).
+    """
+    return 2 * np.sqrt(1 - np.cos(np.radians(angle_deg)))
+
+
 def rotation_groups(R: ndarray) -> ndarray:
     """Groups (P,) of orientations (P, 3, 3), which may be rounded.
 
     A pose joins the first group whose first pose differs from it by no more than
-    SAME_ORIENTATION_DEG. Matrices A and B that are θ apart differ by
-    ‖A - B‖ = 2 √(1 - cos θ).
+    SAME_ORIENTATION_DEG.
     """
     R = nearest_rotation(R)
     tree = KDTree(R.reshape(-1, 9))
-    within = 2 * np.sqrt(1 - np.cos(np.radians(SAME_ORIENTATION_DEG)))
+    within = chord(SAME_ORIENTATION_DEG)
     group = np.full(len(R), -1)
     count = 0
     for k in range(len(R)):

@@ -70,8 +70,7 @@ def half_way(setup: Setup) -> ndarray:
     axes.
     """
     target = setup.target
-    half = target.across_mm or target.across_part * setup.sizes[0]
-    return half * np.array(target.across) / np.linalg.norm(target.across)
+    return target.across_mm * np.array(target.across) / np.linalg.norm(target.across)
 
 
 def random_sweep(

@@ -49,7 +49,10 @@ class Ball(Round):
     sizes = (25.0,)
     with_tool = True
     across = (0.3, 1.0, 0.2)
-    across_part = 0.5
+
+    @property
+    def across_mm(self) -> float:
+        return self.radius / 2
 
     @staticmethod
     def residual(sight: Sight) -> Linearised:

@@ -15,6 +15,7 @@ from profilecal.targets.target import (
     Linearised,
     Sight,
     Target,
+    up_and_aside,
 )
 
 # 20 mm along a face that is inclined by 35°
@@ -73,7 +74,6 @@ class Edge(Target):
     positions = 10
     stance = ALONG_Y
     across = (1.0, 0.3, 0.5)
-    across_mm = 20.0
     specimens = tuple(SPECIMENS)
 
     @staticmethod
@@ -118,11 +118,8 @@ class Edge(Target):
         and z in the sensor frame, mm. All its faces run along the edge; its top faces
         the scanner, on the side of smaller x.
         """
-        up = (away @ self.direction) * self.direction - away
-        up = up / np.linalg.norm(up)
-        aside = np.cross(self.direction, up)
         sensor_x = rotation.reshape(-1, 3, 3).mean(axis=0)[:, 0]
-        aside = aside * np.sign(aside @ sensor_x)
+        up, aside = up_and_aside(self.direction, away, sensor_x)
         lines = [
             Edge(self.point + a * aside + h * up, self.direction)
             for a, h in SPECIMENS[specimen]

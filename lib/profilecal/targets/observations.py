@@ -12,9 +12,18 @@ from scipy.spatial import KDTree
 
 from profilecal.geometry.log import Log
 from profilecal.geometry.noise import ROBOT
-from profilecal.geometry.poses import SAME_ORIENTATION_DEG, angle_between, inverse
+from profilecal.geometry.poses import (
+    SAME_ORIENTATION_DEG,
+    angle_between,
+    chord,
+    inverse,
+)
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
+
+# commanded poses that differ by less are one: no controller comes back any closer
+SAME_MM = 0.05
+SAME_DEG = 0.01
 
 
 @dataclass(frozen=True)
@@ -153,8 +162,6 @@ class Batch:
 
     def where(self, mask: ndarray, other: Self) -> Self:
         """This one where the mask (B,) holds, the other elsewhere."""
-        if mask.all() or not mask.any():
-            return self if mask.all() else other
 
         def merged(own: ndarray, others: ndarray) -> ndarray:
             further_axes = [1] * (own.ndim - 1)
@@ -203,46 +210,43 @@ class PoseGroups:
         """
         repeated = len(self.orientation) < len(self.pose)
         grouped = int(self.orientation.max()) + 1 < len(self.orientation)
-        missing = ["repeatability_"] * (not repeated) + ["group_"] * (not grouped)
-        of_clocks = ["jitter_ms"] * self.moving
-        of_robot = [name for name in ROBOT if not name.startswith(tuple(missing))]
-        return of_robot + of_clocks
+        there = {"repeatability": repeated, "group": grouped, "jitter": self.moving}
+        names = (*ROBOT, "jitter_ms")
+        return [name for name in names if there.get(name.split("_")[0], True)]
 
 
 def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
     """Which profiles of several targets share a pose, an orientation, or a group.
 
-    The poses of a batch are alike, and the first problem's are looked at. Each of a
-    target's groups is an orientation, and one with that of another target that points
-    the same way. What was seen in motion has a pose of its own, and its sweep is the
-    group.
+    The poses of a batch are alike, and the first problem's are looked at. What was seen
+    in motion has a pose of its own, and its sweep is the group.
     """
-    # commanded poses that differ by less are one: no controller comes back any closer
-    same_mm = 0.05
-    same_deg = 0.01
     R = np.concatenate([seen.R_flange[0] for seen in observations])
     T = np.concatenate([seen.T_flange[0] for seen in observations])
-    labels = [seen.labels for seen in observations]
     moving = np.concatenate([seen.moving[0] for seen in observations])
 
+    labels = [seen.labels for seen in observations]
     target = np.repeat(np.arange(len(labels)), [len(own) for own in labels])
     # no two targets have a number in common
     numbers = len(target) * target + np.concatenate(labels)
     _, first, group = np.unique(numbers, return_index=True, return_inverse=True)
 
-    orientation = first_alike(
-        R[first].reshape(-1, 9),
-        2 * np.sqrt(1 - np.cos(np.radians(SAME_ORIENTATION_DEG))),
-        lambda i, j: target[first][i] != target[first][j],
-    )[group]
+    # each of a target's groups is one, and one with another target's that points the
+    # same way
+    def of_other_targets(i: ndarray, j: ndarray) -> ndarray:
+        return target[first][i] != target[first][j]
 
-    def is_same_pose(i: ndarray, j: ndarray) -> ndarray:
-        near = np.abs(T[i] - T[j]).max(axis=1) < same_mm
-        near &= ~(moving[i] | moving[j])
-        turned = np.degrees(angle_between(R[i], R[j])) < same_deg
-        return near & turned & (orientation[i] == orientation[j])
+    way = R[first].reshape(-1, 9)
+    alike = first_alike(way, chord(SAME_ORIENTATION_DEG), of_other_targets)
+    orientation = alike[group]
 
-    pose = first_alike(T, np.sqrt(3) * same_mm, is_same_pose)
+    def are_one(i: ndarray, j: ndarray) -> ndarray:
+        near = np.abs(T[i] - T[j]).max(axis=1) < SAME_MM
+        turned = np.degrees(angle_between(R[i], R[j])) < SAME_DEG
+        at_rest = ~(moving[i] | moving[j])
+        return near & turned & at_rest & (orientation[i] == orientation[j])
+
+    pose = first_alike(T, np.sqrt(3) * SAME_MM, are_one)
     firsts = np.unique(pose, return_index=True)[1]
     return PoseGroups(pose, orientation[firsts], group, bool(moving.any()))
 

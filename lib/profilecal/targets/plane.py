@@ -51,13 +51,13 @@ class Plane(Target):
     groups = 12
     positions = 3
     across = (0.3, 0.3, 1.0)
-    across_mm = 20.0
 
     @staticmethod
     def residual(sight: Sight) -> Linearised:
         """Distance from the line in which the planes meet."""
         (height,), (force,), (torque,) = Plane.residual_in_space(sight)
-        return in_scan_plane(height, force, torque, ey_by_turn=cross(sight.axes[2], Y))
+        ey_by_turn = cross(sight.axes[2], Y)
+        return in_scan_plane(height, force, torque, np.zeros(3), ey_by_turn)
 
     @staticmethod
     def residual_in_space(sight: Sight) -> Linearised:

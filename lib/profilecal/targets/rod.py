@@ -20,6 +20,7 @@ from profilecal.targets.target import (
     Sight,
     Y,
     in_scan_plane,
+    up_and_aside,
 )
 
 
@@ -53,7 +54,10 @@ class Rod(Round):
     sizes = (15.0,)
     stance = ALONG_Y
     across = (1.0, 0.3, 0.5)
-    across_mm = 10.0
+
+    @property
+    def across_mm(self) -> float:
+        return 10.0
 
     @staticmethod
     def residual(sight: Sight) -> Linearised:
@@ -78,7 +82,7 @@ class Rod(Round):
         by_shift = [-part for part in j]
         turned, moved = cross(e, Y), cross(v, j)
         by_turn = [turned[k] - moved[k] for k in range(3)]
-        return in_scan_plane(f, force, torque, by_turn, by_shift)
+        return in_scan_plane(f, force, torque, by_shift, by_turn)
 
     @staticmethod
     def residual_in_space(sight: Sight) -> Linearised:
@@ -102,9 +106,11 @@ class Rod(Round):
         spread = np.sqrt(np.mean(np.sum(p**2, axis=-1), axis=-1))
         p = p / spread[..., None, None]
         i, j = np.triu_indices(3)
-        products = p[..., i] * p[..., j] * np.where(i == j, 1, 2)
-        A = np.concatenate([products, p, np.ones_like(p[..., :1])], axis=-1)
+        # by the ten unknowns: D's six entries, those off its diagonal twice; b; and k
+        of_D = p[..., i] * p[..., j] * np.where(i == j, 1, 2)
+        A = np.concatenate([of_D, p, np.ones_like(p[..., :1])], axis=-1)
         square = np.sum(p**2, axis=-1)
+        # points of one profile, or fewer than ten, leave some of them open
         ridge = 1e-9 * np.eye(10) * p.shape[-2]
         x = np.linalg.solve(A.mT @ A + ridge, A.mT @ square[..., None])[..., 0]
         D = np.empty((*x.shape[:-1], 3, 3))
@@ -115,7 +121,7 @@ class Rod(Round):
         """Four generators, as long as the bar was seen."""
         (axis,) = Edge(self.point, self.direction).lines(points)
         x, y, _ = self.frame[1].T
-        return [axis + self.radius * around for around in (x, y, -x, -y)]
+        return [axis + self.radius * out for out in (x, y, -x, -y)]
 
     def arc(
         self, rotation: ndarray, origin: ndarray, reach_deg: float, count: int
@@ -124,13 +130,9 @@ class Rod(Round):
         generators, by angles about its axis to either side of the one that faces the
         scanner.
         """
-        d = self.direction
-        x, z = rotation[..., 0], rotation[..., 2]
-        up = (z @ d)[:, None] * d - z
-        up /= np.linalg.norm(up, axis=-1, keepdims=True)
-        aside = np.cross(up, d)
-        aside *= np.sign(np.einsum("pa,pa->p", aside, x))[:, None]
+        z, x = rotation[..., 2], rotation[..., 0]
+        up, aside = up_and_aside(self.direction, z, x)
         angle = np.radians(np.linspace(-reach_deg, reach_deg, count))[:, None]
-        around = np.cos(angle) * up[:, None] + np.sin(angle) * aside[:, None]
-        generators = Edge(self.point + self.radius * around, d)
+        out = np.cos(angle) * up[:, None] + np.sin(angle) * aside[:, None]
+        generators = Edge(self.point + self.radius * out, self.direction)
         return generators.meet(rotation[:, None], origin[:, None])

@@ -177,7 +177,7 @@ class Target:
         with np.errstate(divide="ignore", invalid="ignore"):
             sight = Sight(from_point, axes.T, np.zeros((2, 1)), self.measures)
             residuals, _, _ = self.residual_in_space(sight)
-        return np.linalg.norm(residuals, axis=0) if residuals[1:] else residuals[0]
+        return np.linalg.norm(residuals, axis=0)
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """Polylines (n, 3) that draw it, as far as it was seen at points (k, 3)."""
@@ -257,11 +257,13 @@ class Target:
     with_tool = False
     # the direction in which sweeps cross it, in the sensor's frame; empty: none do
     across: tuple[float, ...] = ()
-    # how far to either side: mm, or a part of the first of its `lengths`
-    across_mm = 0.0
-    across_part = 0.0
     # bodies that have it, the usual one first
     specimens: tuple[str, ...] = ("",)
+
+    @property
+    def across_mm(self) -> float:
+        """How far to either side they do."""
+        return 20.0
 
     def outline(
         self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray
@@ -287,12 +289,24 @@ def in_sensor(rotation: ndarray, vectors: ndarray) -> ndarray:
     return (vectors[..., None, :] @ rotation)[..., 0, :]
 
 
+def up_and_aside(
+    direction: ndarray, away: ndarray, x: ndarray
+) -> tuple[ndarray, ndarray]:
+    """Unit vectors square to a direction (3,): against `away` (..., 3), which points
+    away from the scanner; and to the side of x (..., 3).
+    """
+    up = (away @ direction)[..., None] * direction - away
+    up = up / np.linalg.norm(up, axis=-1, keepdims=True)
+    aside = np.cross(up, direction)
+    return up, aside * np.sign(np.vecdot(aside, x))[..., None]
+
+
 def in_scan_plane(
     distance: ndarray,
     force: Components,
     torque: Components,
+    ey_by_shift: Components,
     ey_by_turn: Components,
-    ey_by_shift: Components | None = None,
 ) -> Linearised:
     """What `Target.residual` returns of a distance in space, mm, taken within the scan
     plane, to first order.
@@ -301,7 +315,7 @@ def in_scan_plane(
     where h² = ex² + ez² = 1 - ey². The residual is f / h, its derivative
     df / h + (f ey / h³) dey. `force`, which is -e, and `torque` are what a shift and a
     turn of the target change in f; beside them is what they change in ey, all by
-    components. None: no shift changes it.
+    components.
     """
     h = np.sqrt(np.maximum(force[0] ** 2 + force[2] ** 2, 1e-12))
     by_ey = -distance * force[1] / h**3
@@ -309,5 +323,5 @@ def in_scan_plane(
     def within(df: Components, dey: Components) -> list[ndarray]:
         return [f / h + by_ey * ey for f, ey in zip(df, dey, strict=True)]
 
-    by_shift = within(force, ey_by_shift) if ey_by_shift else [f / h for f in force]
-    return [distance / h], [by_shift], [within(torque, ey_by_turn)]
+    by_shift, by_turn = within(force, ey_by_shift), within(torque, ey_by_turn)
+    return [distance / h], [by_shift], [by_turn]
