@@ -262,7 +262,7 @@ class Target:
 
     @property
     def across_mm(self) -> float:
-        """How far to either side they do."""
+        """How far to either side sweeps go."""
         return 20.0
 
     def outline(
