@@ -403,14 +403,6 @@ def stacked(folder):
     np.save(folder / "all.npy", np.stack(scan().values).swapaxes(1, 2))
 
 
-def point_clouds(folder):
-    head = ["ply", "format ascii 1.0", f"element vertex {len(scan().values[0])}"]
-    head += [f"property float {axis}" for axis in "xyz"] + ["end_header"]
-    for k, points in enumerate(scan().values):
-        rows = [f"{x:.15g} 0 {z:.15g}" for x, z in points]
-        write_lines(folder / f"cloud{k}.ply", [*head, *rows])
-
-
 POSES = (
     *(kuka, abb, ur, fanuc, yaskawa, kawasaki, staubli),
     *(xml_log, nested, stamped, opencv, of_images, csv, tum, matrices, array),

@@ -2,7 +2,7 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -88,7 +88,7 @@ class Block:
                 columns[column.at] = column._replace(role=role, owner=owner)
         return columns
 
-    def lists_among(self, columns: Sequence[Column]) -> dict[str, list[Column]]:
+    def lists_among(self, columns: list[Column]) -> dict[str, list[Column]]:
         """Columns that are numbered behind one name, by the name; "" for none."""
         lists = defaultdict(list)
         for column in columns:
@@ -188,9 +188,7 @@ class Part:
         return replace(self, block=block)
 
 
-def parts_called(
-    parts: Sequence[Part], entry: str, liked: str, what: str
-) -> list[Part]:
+def parts_called(parts: list[Part], entry: str, liked: str, what: str) -> list[Part]:
     """The parts of one name: as the entry says, or else of the robot, and with a word
     that is liked. Raises Question for several.
     """
@@ -208,7 +206,7 @@ def parts_called(
     return [part for part in parts if part.name == name]
 
 
-def has_constants(cells: DataFrame, roles: Sequence[str]) -> bool:
+def has_constants(cells: DataFrame, roles: list[str]) -> bool:
     """Whether 0 and 1 stand in the columns whose roles they are, as in a matrix."""
     at = [k for k, role in enumerate(roles) if role in ("0", "1")]
     expected = [float(roles[k]) for k in at]

@@ -2,7 +2,7 @@
 
 import re
 from collections import ChainMap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from glob import glob
 from pathlib import Path
@@ -57,12 +57,13 @@ def import_scan(
     moves = [row.get("name") for row in said_in_program(poses, beside, "uses")]
     pairing = pair_profiles(poses, profiles.names, moves, layout)
     taken["matched"] = pairing.how
-    rows = pairing.rows
+    rows, order = pairing.rows, np.arange(len(profiles.names))
     if not pairing.times:
         order = np.argsort(rows, kind="stable")
         order = order[rows[order] >= 0]  # of profiles that have a pose
-        rows, profiles = rows[order], profiles.at(order)
-        check_one_profile_a_pose(folder, rows, profiles.names, layout)
+        rows = rows[order]
+    profiles = profiles.at(order)
+    check_one_profile_a_pose(folder, rows, profiles.names, layout)
     labels = counted(len(rows)) if pairing.times else profiles.names
     entries = pose_entries(poses.at(rows), labels, layout, taken)
     if tool is not None:
@@ -74,13 +75,13 @@ def import_scan(
 
 def measured(profiles: Profiles, taken: dict[str, str]) -> dict[str, Any]:
     """Entries of a Scan: points, or profiles, of which a point alone is none."""
-    values, what = profiles.points, "points"
-    if max(map(len, values)) > 1:
-        values, what = [own if len(own) > 1 else own[:0] for own in values], "profiles"
+    if max(map(len, profiles.points)) == 1:
+        return {"measured": "points", "values": tuple(profiles.points)}
+    values = [own if len(own) > 1 else own[:0] for own in profiles.points]
     pairs = zip(profiles.names, values, strict=True)
     if empty := listed(name for name, own in pairs if not len(own)):
         taken["missing"] += f"; empty: {empty}"
-    return {"measured": what, "values": tuple(values)}
+    return {"measured": "profiles", "values": tuple(values)}
 
 
 def read_folder(
@@ -198,7 +199,7 @@ def which_hold_what(
 
 
 def check_one_profile_a_pose(
-    folder: Path, rows: ndarray, names: Sequence[str], layout: Layout
+    folder: Path, rows: ndarray, names: list[str], layout: Layout
 ) -> None:
     """Raise Question where several profiles are of one pose, and no one said which."""
     again = np.flatnonzero(rows[1:] == rows[:-1])

@@ -2,12 +2,11 @@
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
-from pandas import Series, to_numeric
+from pandas import to_numeric
 
 from profilecal.scan.tables import ScanError, cell_number, listed
 from profilecal_tool.importing.blocks import Part
@@ -39,7 +38,7 @@ class Pairing(NamedTuple):
 
 
 def pair_profiles(
-    poses: Part, names: Sequence[str], moves: Iterable[str], layout: Layout
+    poses: Part, names: list[str], moves: Iterable[str], layout: Layout
 ) -> Pairing:
     """The pose of each profile, by its name, "" where it has none; `moves`: the poses'
     names as a program moves to them.
@@ -74,7 +73,7 @@ def times_at_a_rate(count: int, start: float, rate: float) -> list[str]:
 
 
 def paired_in_order(
-    poses: Part, driven: Sequence[int], names: Sequence[str], times: Times | None
+    poses: Part, driven: list[int], names: list[str], times: Times | None
 ) -> Pairing:
     """The poses as moves come to them, or as they are listed. Raises ScanError where
     there are not as many profiles, or where numbers of poses say another order.
@@ -103,17 +102,21 @@ class Match(NamedTuple):
     rows: ndarray  # (P,) -1: none
     how: str
     title: str
-    keys: Sequence  # of the poses
-    is_whole: bool  # by more than one number in the names
+    keys: list  # of the poses
     share: float  # of the poses that have a profile, or of profiles that have a pose
 
 
-def paired_by_label(poses: Part, names: Sequence[str]) -> Pairing | None:
+def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
     """The pairing by the labels, and the names or numbers in them, that serve most
-    poses, and more than half of them and of the profiles; a number comes last.
+    poses, and more than half of them and of the profiles.
 
     Raises ScanError where two serve as many and differ, and where a label stands twice.
     """
+
+    def rank(match: Match) -> tuple[bool, float]:
+        """A number comes last; else how many it serves."""
+        return not match.how.startswith("number "), match.share
+
     matches = []
     for title, labels in poses.labels.items():
         for how, keys, wanted in ways_to_compare(labels, names):
@@ -122,15 +125,13 @@ def paired_by_label(poses: Part, names: Sequence[str]) -> Pairing | None:
             served = len({*rows} - {-1}) / len(row_of)
             share = min((rows >= 0).mean(), served)
             if share > 0.5:
-                is_whole = not how.startswith("number ")
-                matches.append(Match(rows, how, title, keys, is_whole, share))
+                matches.append(Match(rows, how, title, keys, share))
     if not matches:
         return None
-    best = max(matches, key=attrgetter("is_whole", "share"))
+    best = max(matches, key=rank)
     for other in matches:
-        is_as_good = (other.is_whole, other.share) == (best.is_whole, best.share)
         differs = other.rows != best.rows
-        if is_as_good and differs.any():
+        if rank(other) == rank(best) and differs.any():
             ways = [f"by {one.title} and the {one.how}" for one in (best, other)]
             sentence = f"which pose has {names[differs.argmax()]}: {' or '.join(ways)}?"
             hint = "Rename the profiles' files, or --pose-columns: _ for other columns"
@@ -139,21 +140,21 @@ def paired_by_label(poses: Part, names: Sequence[str]) -> Pairing | None:
     return Pairing(best.rows, f"by the {best.how}")
 
 
-def check_none_is_twice(poses: Part, names: Sequence[str], match: Match) -> None:
+def check_none_is_twice(poses: Part, names: list[str], match: Match) -> None:
     """Raise ScanError where two poses have the label of a profile."""
-    twice = Series(match.keys).duplicated(keep=False).to_numpy()
-    again = twice[match.rows] & (match.rows >= 0)
-    if again.any():
-        profile = again.argmax()
-        key = match.keys[match.rows[profile]]
-        own = [row for row, one in enumerate(match.keys) if one == key]
-        lines = " and ".join(map(str, poses.block.table.index[own]))
-        sentence = f"two poses have the {match.title} of profile {names[profile]}"
-        raise ScanError(f"{poses.path} lines {lines}: {sentence}; leave one out")
+    last_of = {key: row for row, key in enumerate(match.keys)}
+    profile_of = dict(zip(match.rows, names, strict=True))
+    for row, key in enumerate(match.keys):
+        last = last_of[key]
+        if row < last and last in profile_of:
+            one, other = poses.block.table.index[[row, last]]
+            sentence = f"two poses have the {match.title} of profile {profile_of[last]}"
+            place = f"{poses.path} lines {one} and {other}"
+            raise ScanError(f"{place}: {sentence}; leave one out")
 
 
 def ways_to_compare(
-    labels: Sequence[str], names: Sequence[str]
+    labels: list[str], names: list[str]
 ) -> Iterator[tuple[str, list, Sequence]]:
     """How, with what labels have, and what names want: whole names, without folder and
     ending, if they are more than numbers; all numbers, as in 2_07; or the last number
@@ -201,7 +202,7 @@ def time_said(text: str) -> float:
     return value
 
 
-def times_of(poses: Part, names: Sequence[str]) -> Times | None:
+def times_of(poses: Part, names: list[str]) -> Times | None:
     """The times of poses and profiles, if all have some, in the unit of the poses."""
     columns = poses.block.having("time", "t")
     if not columns:

@@ -1,6 +1,6 @@
 """The robot's poses: their numbers as they stand, their units, and whose they are."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -54,7 +54,7 @@ def poses_in(blocks: Iterable[Block], said: str) -> list[Part]:
     return found
 
 
-def robot_poses(files: Mapping[Path, list[Block]], layout: Layout) -> Part:
+def robot_poses(files: dict[Path, list[Block]], layout: Layout) -> Part:
     """The robot's poses in files. Raises ScanError; Question where it is uncertain."""
     parts = []
     for path, blocks in files.items():
@@ -91,7 +91,7 @@ def check_of_robot(poses: Part, entry: str) -> None:
         raise ScanError(f"{poses.path.parent}: {called} {sentence}")
 
 
-def question_on_file(path: Path, blocks: Sequence[Block], said: str) -> ScanError:
+def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
     """Why there are no poses in a file."""
     if not blocks or any(block.having("joint") for block in blocks):
         return ScanError(f"{path}: no poses; joint angles are none: export Cartesian")
@@ -111,7 +111,7 @@ def has_position(block: Block) -> bool:
 
 
 def question_on_columns(
-    block: Block, sentence: str, columns: Sequence[Column]
+    block: Block, sentence: str, columns: list[Column]
 ) -> ScanError:
     """What columns of poses are, by an answer that may be right: what is missing stands
     in the columns of numbers that are not known, in the usual order.
@@ -183,7 +183,7 @@ def doubt_of_angles(poses: Part, units: set[str], layout: Layout) -> str:
 
 
 def pose_entries(
-    poses: Part, labels: Sequence[str], layout: Layout, taken: dict[str, str]
+    poses: Part, labels: list[str], layout: Layout, taken: dict[str, str]
 ) -> dict[str, Any]:
     """Entries of a Scan; what was taken for granted goes to `taken`.
 
@@ -198,9 +198,9 @@ def pose_entries(
     beside = f", not {others}" if others else ""
     name = "poses" if poses.name in ("", "pose") else poses.name
     words = f"{len(labels)} {name}{beside} in {unit}{of_angle}"
-    low = (length * positions.min(axis=0)).round(1)
-    high = (length * positions.max(axis=0)).round(1)
-    taken["poses"] = f"{poses.path.name}: {words}: {low.tolist()} to {high.tolist()} mm"
+    ends = length * np.array([positions.min(axis=0), positions.max(axis=0)])
+    low, high = ends.round(1).tolist()
+    taken["poses"] = f"{poses.path.name}: {words}: {low} to {high} mm"
     taken["pose_columns"] = f"{', '.join(poses.columns)}: {turn.meaning}"
     lines = [*poses.block.table.index]
     return check_poses(Table(poses.path, {"pose": labels} | columns, lines), length)

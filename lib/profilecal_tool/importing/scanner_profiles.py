@@ -1,7 +1,6 @@
 """Profiles in files: their points, in mm, and what tells them apart."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -70,7 +69,7 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
 
 
 def places_of(
-    block: Block, x: Sequence[Column], z: Sequence[Column], layout: Layout
+    block: Block, x: list[Column], z: list[Column], layout: Layout
 ) -> ndarray:
     """Where along x the columns of heights are: in columns of their own, in titles, or
     by a start and a pitch. Raises ScanError.
@@ -128,7 +127,7 @@ def columns_called(block: Block, said: str) -> list[Column]:
     return [column._replace(unit=unit or column.unit) for column, unit in found]
 
 
-def point_tables(blocks: Iterable[Block], layout: Layout) -> list[Part]:
+def point_tables(blocks: list[Block], layout: Layout) -> list[Part]:
     """The tables of points in a file that are called alike, of more than a row if there
     are such; none where the largest table is none of points. Raises Question.
     """
@@ -143,24 +142,25 @@ def point_tables(blocks: Iterable[Block], layout: Layout) -> list[Part]:
 
 
 def read_profiles(
-    files: Mapping[Path, list[Block]], poses: int, layout: Layout, taken: dict[str, str]
+    files: dict[Path, list[Block]], poses: int, layout: Layout, taken: dict[str, str]
 ) -> Profiles:
     """The profiles in files: one in each, or those of so many poses in one.
 
     Raises ScanError.
     """
+    is_alone = len(files) == 1
     names, counts, parts = [], [], []
-    for blocks in files.values():
+    for path, blocks in files.items():
         tables = point_tables(blocks, layout)
-        parts += tables
         if not tables and any(len(block.table) > 1 for block in blocks):
             raise question_on_points(blocks, layout.columns)
-        if len(files) == 1:
-            names, counts = profiles_of_tables(tables, poses, layout)
-        else:
-            names = names_of([*files])
-            counts.append(rows_of_one_profile(tables, layout))
-    path = next(iter(files))
+        if len(tables) > 1 and tables[0].block.is_bare and not is_alone:
+            sentence = f"{len(tables)} tables of points; expected one"
+            raise ScanError(f"{path}: {sentence}: give titles, or no blank lines")
+        own, rows = profiles_of_tables(tables, poses if is_alone else 1, layout)
+        names += own
+        counts += rows if is_alone else [sum(rows)]  # a table may go on
+        parts += tables
     if not parts:
         raise ScanError(f"{path}: no profiles in it")
     block, columns = parts[0].block, parts[0].columns.values()
@@ -168,25 +168,12 @@ def read_profiles(
     xz = np.concatenate([part.numbers("xz", blank=True) for part in parts])
     units = {unit for part in parts for unit in part.units("xz")}
     points = in_mm(path, xz, units, layout, taken)
-    return Profiles(names, np.split(points, np.cumsum(counts)[:-1]))
-
-
-def rows_of_one_profile(tables: Sequence[Part], layout: Layout) -> int:
-    """How many rows a file's only profile has, of a table that may go on; 0: nothing
-    was seen. Raises ScanError, Question.
-    """
-    if len(tables) > 1 and tables[0].block.is_bare:
-        sentence = f"{len(tables)} tables of points; expected one"
-        hint = "give titles, or no blank lines"
-        raise ScanError(f"{tables[0].path}: {sentence}: {hint}")
-    counts = [len(points.block.table) for points in tables]
-    for points, count in zip(tables, counts, strict=True):
-        check_one_section(points, np.zeros(count, int), layout)
-    return sum(counts)
+    values = np.split(points, np.cumsum(counts)[:-1])
+    return Profiles(names if is_alone else names_of([*files]), values)
 
 
 def profiles_of_tables(
-    tables: Sequence[Part], poses: int, layout: Layout
+    tables: list[Part], poses: int, layout: Layout
 ) -> tuple[list[str], list[int]]:
     """The names of a file's profiles, "" for none, and how many rows each has.
 
@@ -194,7 +181,7 @@ def profiles_of_tables(
     """
     names, counts = [], []
     for points in tables:
-        several = poses if len(tables) == 1 else 0
+        several = 0 if len(tables) > 1 < poses else poses
         profile, own = profile_of_each_row(points.block, several)
         check_one_section(points, profile, layout)
         each = np.bincount(profile)
@@ -204,18 +191,19 @@ def profiles_of_tables(
 
 
 def profile_of_each_row(block: Block, poses: int) -> tuple[ndarray, list[str]]:
-    """The profile of each row, from 0, and what profiles are called, if they are: by a
-    label or a time whose values do not come back, and that counts no points; by its
-    place; by the pose beside it; else evenly by so many poses.
+    """The profile of each row, from 0, and what profiles are called, if they are. It is
+    told by a label or a time whose values do not come back, and that counts no points;
+    by a place; by the pose beside it; else evenly by so many poses, if these are many.
     """
     rows = len(block.table)
+    if poses == 1:
+        return np.zeros(rows, int), []
     for column in block.having("label", "time", "t", "nth"):
         cells = block.table[column.at]
         profile, labels = pandas.factorize(cells, use_na_sentinel=False)
         counts_points = column.role == "label" and len(labels) == rows != poses
         if (np.diff(profile) >= 0).all() and not counts_points:
-            is_name = column.role != "nth"
-            return profile, [*map(label_of, labels)] if is_name else []
+            return profile, [] if column.role == "nth" else [*map(label_of, labels)]
     if block.poses:
         posed = [c.at for own in block.poses.values() for c in own.columns.values()]
         pose = block.table.groupby(posed, dropna=False).ngroup().to_numpy()
@@ -250,7 +238,7 @@ def check_one_section(points: Part, profile: ndarray, layout: Layout) -> None:
         raise Question(sentence, where=f"{column.name}={one}")
 
 
-def question_on_points(blocks: Sequence[Block], said: str) -> Question:
+def question_on_points(blocks: list[Block], said: str) -> Question:
     """Which columns are x and z; likely the last two of numbers that vary."""
     block = max(blocks, key=lambda block: len(block.table))
     titles = said.split(",") if said else []

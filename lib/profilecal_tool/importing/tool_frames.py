@@ -7,7 +7,7 @@ import numpy as np
 
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import named, to_rotations
-from profilecal.scan.tables import listed
+from profilecal.scan.tables import listed, naming
 from profilecal_tool.importing.blocks import XYZ, Block, Part, label_of
 from profilecal_tool.importing.makers import ROBOTS, WORDS
 from profilecal_tool.importing.questions import Layout, Question
@@ -72,7 +72,7 @@ def of_one_frame(
 
 
 def of_one_tool(
-    poses: Part, beside: Sequence[Block], layout: Layout, taken: dict[str, str]
+    poses: Part, beside: list[Block], layout: Layout, taken: dict[str, str]
 ) -> tuple[Part, Sequence[float] | None]:
     """The poses of one tool, and its position and angles as they stand; None if it is
     the flange. Raises Question.
@@ -102,10 +102,11 @@ def frames_of_tools(poses: Part, beside: Iterable[Block], used: str) -> set[Fram
     if offset := poses.block.poses.get("tcp_offset"):
         numbers = offset.numbers(columns).tolist()
         rows = [dict(zip(columns, row, strict=True)) for row in numbers]
-    return {
-        Frame(row.get("name", "").lower(), tuple(float(row[c]) for c in columns))
-        for row in rows
-    }
+    with naming(f"{poses.path}: tool"):
+        return {
+            Frame(row.get("name", "").lower(), tuple(float(row[c]) for c in columns))
+            for row in rows
+        }
 
 
 def frame_called(used: str, poses: Part, frames: Iterable[Frame]) -> Frame | None:
@@ -123,12 +124,10 @@ def frame_called(used: str, poses: Part, frames: Iterable[Frame]) -> Frame | Non
         sentence = f"poses are of {which}, whose {has} here; mm, and angles?"
         raise Question(f"{poses.path}: {sentence}", tool=TO_FILL_IN)
     if declared:
-        is_one = len(declared) == 1
-        names = f"tool {declared[0]} is" if is_one else f"tools {listed(declared)} are"
+        name = declared[0] if len(declared) == 1 else "NAME"
+        sentence = f"tool {' or '.join(declared)} is declared, and no line uses it"
         hint = "are poses of it? (--tool 0 0 0 0 0 0: of the flange)"
-        sentence = f"{names} declared, and no line uses {'it' if is_one else 'them'}"
-        answer = f"tool={declared[0] if is_one else 'NAME'}"
-        raise Question(f"{poses.path}: {sentence}; {hint}", where=answer)
+        raise Question(f"{poses.path}: {sentence}; {hint}", where=f"tool={name}")
     return None
 
 

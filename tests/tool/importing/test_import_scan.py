@@ -36,7 +36,6 @@ from profilecal_tool.importing.import_scan import Layout, import_scan
 from profilecal_tool.importing.makers import ROBOTS, robots_in
 from profilecal_tool.importing.program_lines import matches_of, program_blocks
 from profilecal_tool.importing.questions import Question
-from profilecal_tool.importing.text_tables import text_blocks
 
 HERE = np.eye(4)
 CHANGES = ["bytes_flipped", "lines_lost_or_doubled", "cut_short"]
@@ -90,7 +89,7 @@ def listed(
     """A table of poses under titles, or under none; each row behind its label."""
 
     def write(folder):
-        between = ";" if ";" in titles else ","
+        between = next((mark for mark in ",; " if mark in titles), ",")
         rows = poses(convention, scale)
         rows[:, 3:] *= angle
         lines = [text(row, between) for row in rows]
@@ -99,7 +98,7 @@ def listed(
             lines = [f"{label}{between}{line}" for label, line in pairs]
         lines = [*titles.split("\n"), *lines[:: -1 if backwards else 1]]
         content = "\n".join(lines).strip("\n")
-        content = content.replace(".", ",") if between == ";" else content
+        content = content.replace(".", ",") if between != "," else content
         (folder / "poses.csv").write_bytes(content.encode(encoding))
 
     return write
@@ -167,8 +166,7 @@ def transforms(folder):
     write_lines(folder / "tf.yaml", ["\n---\n".join(documents)])
 
 
-def declared(folder):
-    people.abb(folder, used=False)
+declared = functools.partial(people.abb, used=False)
 
 
 ASKED = {
@@ -188,25 +186,9 @@ ASKED = {
         people.one_each,
         "what are they",
     ),
-    "decimal commas between spaces": (
-        people.tum,
-        lambda folder: [
-            write_lines(
-                folder / f"p{k}.txt",
-                [
-                    text([9.5, *p], " ").replace(".", ",")
-                    for p in points
-                    if p[1] == p[1]
-                ],
-            )
-            for k, points in enumerate(scan().values)
-        ],
-        "no x and z",
-    ),
     "a tool that no line uses": (declared, people.one_each, "is declared, and no line"),
     "two poses": (two_poses, people.one_each, "one or two"),
     "two frames in turn": (transforms, people.one_each, "tools tool0, camera_link"),
-    "point clouds": (people.tum, people.point_clouds, "no x and z in columns 1, 2, 3"),
     "no columns": (*points_of("", "7"), "no x and z"),
     "a title that is not there": (
         people.csv,
@@ -334,6 +316,11 @@ PAIRED = {
         named_profiles("p{}.txt", "x,z", "utf-16", 1),
         "from 0 and from 1",
     ),
+    "decimal commas between spaces": (
+        listed("X Y Z A B C"),
+        named_profiles("p{}.csv"),
+        "in order",
+    ),
     "a pose before": (
         listed("Nr,X,Y,Z,A,B,C\n0,400,0,600,0,90,0", range(1, 13)),
         named_profiles("profile_{:03}.csv", begin=1),
@@ -370,13 +357,6 @@ def test_profiles_have_their_poses(name, tmp_path):
     check_scan(imported)
 
 
-def test_rows_may_be_as_long_as_they_are():
-    numbers = default_rng(3).uniform(90, 110, (2, 8000))
-    content = "\n".join(map(text, numbers)).encode()
-    (block,) = text_blocks(Path("z.csv"), content)
-    assert_allclose(block.table, numbers, atol=1e-9)
-
-
 # what poses are of; what is done to a program, and what is then said
 
 
@@ -411,26 +391,10 @@ def denso(folder):
     write_lines(folder / "scan.pcs", [*lines, "CHANGETOOL 1", "CHANGETOOL 0"])
 
 
-def comau(folder):
-    """A frame that a remark has is none."""
-    lines = ["-- $TOOL := POS(0, 0, 99, 0, 0, 0)", "$TOOL := POS(12, 0, 0, 0, 30, 0)"]
-    lines.append("$UFRAME := POS(100, 50, 0, 0, 15, 0)")
-    for k, row in enumerate(poses("Kawasaki angles")):
-        lines.append(f"p{k} := POS({text(row)})")
-    write_lines(folder / "scan.pdl", [*lines, "$UFRAME := uTable"])
-
-
 def base_of_kuka(folder):
     people.kuka(folder)
     frame = "BASE_DATA[1]={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}"
     write_lines(folder / "$config.dat", [frame])
-
-
-def frame_elsewhere(folder):
-    people.abb(folder)
-    lines = (folder / "scan.mod").read_text().splitlines()
-    write_lines(folder / "CalibData.mod", [lines.pop(1)])
-    write_lines(folder / "scan.mod", lines)
 
 
 TOOLS = {
@@ -447,7 +411,6 @@ TOOLS = {
         "2, whose frame is not here",
     ),
     "a frame": (people.abb, ("", ""), "tscan at [12.0, -35.0, 180.0], taken off"),
-    "a frame elsewhere": (frame_elsewhere, None, "tscan at [12.0, -35.0, 180.0]"),
     "a frame beside": (
         people.robot_states,
         None,
@@ -457,7 +420,6 @@ TOOLS = {
     "listed frames": (listed_frames, None, "3 at [12.0, -35.0, 180.0], taken off"),
     "FANUC's": (people.fanuc, ("UT : 0", "UT : 3", 12), "3, whose frame is not here"),
     "a tool before the first move": (denso, None, "are the poses? tool=1"),
-    "a remark": (comau, None, "at [12.0, 0.0, 0.0], taken off; in base utable"),
     "two that moves have": (
         people.abb,
         ("v100,fine,tScan", "v100,fine,tool0"),
@@ -466,7 +428,7 @@ TOOLS = {
     "two that no move has": (
         two_declared,
         None,
-        "tools tother, tscan are declared, and no line uses them; are poses of it? "
+        "tool tother or tscan is declared, and no line uses it; are poses of it? "
         "(--tool 0 0 0 0 0 0: of the flange) tool=NAME",
     ),
 }
@@ -494,18 +456,20 @@ def test_targets_are_taken_in_the_order_driven(tmp_path):
     check_scan(imported, people.BASE)
 
 
+SAID = {
+    "no rows where y=0; the columns are .* x, z": {"where": "y=0"},
+    "--pose-columns says x,y": {"pose_columns": "x,y"},
+    r"not known: rr \(w,p,r": {"pose_columns": "t,x,y,z,w,p,rr,_"},
+    "x and z are one column": {"columns": "2,2"},
+    "no Hoehe in columns x, z": {"columns": "x,Hoehe"},
+}
+
+
 def test_what_is_said_of_columns_holds_for_those_that_are_there(tmp_path):
     folder = people.written(tmp_path / "in", people.tum)
-    with pytest.raises(ScanError, match=r"no rows where y=0; the columns are .* x, z"):
-        read(folder, where="y=0")
-    with pytest.raises(ScanError, match="--pose-columns says x,y"):
-        read(folder, pose_columns="x,y")
-    with pytest.raises(ScanError, match=r"not known: rr \(w,p,r"):
-        read(folder, pose_columns="t,x,y,z,w,p,rr,_")
-    with pytest.raises(ScanError, match="no Hoehe in columns x, z"):
-        read(folder, columns="x,Hoehe")
-    with pytest.raises(ScanError, match="x and z are one column"):
-        read(folder, columns="2,2")
+    for sentence, said in SAID.items():
+        with pytest.raises(ScanError, match=sentence):
+            read(folder, **said)
 
 
 # what is wrong, and what is said of it
