@@ -30,9 +30,14 @@ def matlab_arrays(path: Path) -> dict[str, ndarray]:
     """The arrays of MATLAB, whose stacks of matrices lie along the last axis."""
     from scipy.io import loadmat
 
+    arrays = {}
     content = loadmat(path, appendmat=False, squeeze_me=True)
-    arrays = {k: np.asarray(a) for k, a in content.items() if k[0] != "_"}
-    return {k: np.moveaxis(a, -1, 0) if a.ndim == 3 else a for k, a in arrays.items()}
+    for name, cells in content.items():
+        if name[0] != "_":
+            array = np.asarray(cells)
+            is_stack = array.ndim == 3
+            arrays[name] = np.moveaxis(array, -1, 0) if is_stack else array
+    return arrays
 
 
 def numpy_arrays(path: Path) -> dict[str, ndarray]:
@@ -52,7 +57,9 @@ def array_blocks(path: Path, arrays: Mapping[str, ndarray]) -> Iterator[Block]:
             rows = len(next(iter(columns.values())))
             alike[rows][name] = columns
     for rows, members in alike.items():
-        columns = {title: c for own in members.values() for title, c in own.items()}
+        columns = {}
+        for own in members.values():
+            columns |= own
         cells = dict(enumerate(columns.values()))
         table = DataFrame(cells, range(1, rows + 1), copy=False)
         name = min(members) if len(members) == 1 else ""

@@ -127,15 +127,15 @@ class Block:
         owned, poses = defaultdict(dict), {}
         for column in self.columns:
             owned[column.owner].setdefault(column.role, column)
-        placed = {who for who, own in owned.items() if own.keys() >= {*XYZ}} - {""}
-        of_nobody = {c.role: c for c in self.columns if c.owner not in placed}
-        for owner, own in owned.items():
-            if own.keys() >= {*XYZ}:
-                columns = own if convention_of(own) else of_nobody | own
-                if convention := convention_of(columns):
-                    name = f"{self.name} {owner}".strip()
-                    roles = (*XYZ, *convention.columns)
-                    poses[owner] = Part(self, name, {r: columns[r] for r in roles})
+        placed = {who: own for who, own in owned.items() if own.keys() >= {*XYZ}}
+        others = [c for c in self.columns if not c.owner or c.owner not in placed]
+        of_nobody = {column.role: column for column in others}
+        for owner, own in placed.items():
+            columns = own if convention_of(own) else of_nobody | own
+            if convention := convention_of(columns):
+                name = f"{self.name} {owner}".strip()
+                roles = (*XYZ, *convention.columns)
+                poses[owner] = Part(self, name, {r: columns[r] for r in roles})
         return poses
 
     @cached_property
@@ -195,9 +195,8 @@ def parts_called(parts: list[Part], entry: str, liked: str, what: str) -> list[P
 
     def fit(name: str) -> tuple[bool, ...]:
         """How well a name fits; what counts most stands first."""
-        text = name.lower()
-        is_entry = text == entry.lower()
-        return entry.lower() in text, is_entry, not is_of_other(text), liked in text
+        text, wish = name.lower(), entry.lower()
+        return wish in text, wish == text, not is_of_other(text), liked in text
 
     names = [*dict.fromkeys(part.name for part in parts)]
     best = max(map(fit, names))

@@ -2,7 +2,6 @@
 
 import re
 from collections import ChainMap
-from collections.abc import Iterable
 from dataclasses import replace
 from glob import glob
 from pathlib import Path
@@ -94,9 +93,9 @@ def read_folder(
     every = ChainMap(*families.values())
     beside = [block for blocks in every.values() for block in blocks]
     check_where(folder, beside, layout.where)
-    used = {*of_poses, *of_profiles, *(block.path for block in beside if block.robot)}
-    unused = [path.name for path in every if path not in used]
-    taken["files left out"] = listed(unused) or "none"
+    programs = {block.path for block in beside if block.robot}
+    unused = every.keys() - of_poses.keys() - of_profiles.keys() - programs
+    taken["files left out"] = listed(sorted(path.name for path in unused)) or "none"
     poses = robot_poses(of_poses, layout)
     rows = len(poses.block.table)
     is_one_table = of_poses is of_profiles and len(of_poses) == 1
@@ -108,14 +107,15 @@ def read_folder(
     return poses, profiles, beside
 
 
-def check_where(folder: Path, blocks: Iterable[Block], where: str) -> None:
+def check_where(folder: Path, blocks: list[Block], where: str) -> None:
     """Raise ScanError where the column of the rows wanted is in no table."""
     columns = {"tool", "base"}
     for block in blocks:
-        columns |= {name for c in block.others for name in (c.name, c.role)} - {""}
+        for column in block.others:
+            columns |= {column.name, column.role}
     if where and where.lower().partition("=")[0] not in columns:
-        sentence = f"no rows where {where}; the columns are {listed(sorted(columns))}"
-        raise ScanError(f"{folder}: {sentence}")
+        names = listed(sorted(columns - {""}))
+        raise ScanError(f"{folder}: no rows where {where}; the columns are {names}")
 
 
 def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
@@ -160,7 +160,8 @@ def with_rows_wanted(block: Block, where: str) -> Block:
         return block
     for column in block.others:
         if name in (column.name, column.role):
-            is_wanted = block.table[column.at].astype(str).str.lower() == value
+            cells = block.table[column.at].astype(str)
+            is_wanted = cells.str.lower() == value
             if not is_wanted.any():
                 raise ScanError(f"{block.path}: no rows where {where}")
             block = replace(block, table=block.table[is_wanted])
@@ -173,28 +174,25 @@ def which_hold_what(
     """Which files hold the poses, and which the profiles: as a user says, or else by
     the tables in the first that has some. Raises ScanError, Question.
     """
-    first = {
-        name: next(filter(None, own.values()), []) for name, own in families.items()
-    }
-    names = sorted(filter(first.get, first), key=lambda n: -len(families[n]))
-    poses = [
-        name
-        for name in names
-        if name != layout.profiles and poses_in(first[name], layout.pose_columns)
-    ]
-    others = [name for name in names if name not in (*poses, layout.poses)]
+    first = {n: next(filter(None, own.values()), []) for n, own in families.items()}
+    count = {name: len(families[name]) for name, blocks in first.items() if blocks}
+    names = sorted(count, key=count.get, reverse=True)
+    poses = [n for n in names if poses_in(first[n], layout.pose_columns)]
+    poses = [name for name in poses if name != layout.profiles]
+    if layout.poses:
+        poses = [layout.poses]
+    others = [name for name in names if name not in poses]
     profiles = [name for name in others if point_tables(first[name], layout)]
     # those of half as many files are something else, such as a reference
-    profiles = [
-        n for n in profiles if 2 * len(families[n]) > len(families[profiles[0]])
-    ]
+    profiles = [name for name in profiles if 2 * count[name] > count[profiles[0]]]
     unclear = [name for name in others if name not in profiles]
-    poses = [layout.poses] if layout.poses else poses or unclear[-1:]  # of fewest files
-    pose = one_or_ask(folder, poses, "holds the poses", "poses")
-    unclear = [name for name in unclear if name != pose]
-    if not profiles and not unclear and point_tables(first[pose], layout):
+    fewest = unclear[-1:]
+    pose = one_or_ask(folder, poses or fewest, "holds the poses", "poses")
+    profiles = profiles or [name for name in unclear if name != pose][:1]
+    if not profiles and point_tables(first[pose], layout):
         profiles = [pose]
-    profiles = [layout.profiles] if layout.profiles else profiles or unclear[:1]
+    if layout.profiles:
+        profiles = [layout.profiles]
     return pose, one_or_ask(folder, profiles, "are the profiles", "profiles")
 
 
@@ -205,10 +203,11 @@ def check_one_profile_a_pose(
     again = np.flatnonzero(rows[1:] == rows[:-1])
     if len(again) and not layout.profiles:
         one, other = names[again[0]], names[again[0] + 1]
-        words = [w for w in re.findall(r"[a-zA-Z]*\d+", one) if w not in other]
+        words = re.findall(r"[a-zA-Z]*\d+", one)
+        own = [word for word in words if word not in other]
+        part = own[0] if own else one
         sentence = f"{one} and {other} are of one pose; which of them? (all: '*')"
-        own = words[0] if words else one
-        raise Question(f"{folder}: {sentence}", profiles=f"*{own}*")
+        raise Question(f"{folder}: {sentence}", profiles=f"*{part}*")
 
 
 def in_sweeps(folder: Path, entries: dict[str, Any], both: Times) -> dict[str, Any]:

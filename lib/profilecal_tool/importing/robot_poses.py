@@ -95,7 +95,8 @@ def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
     """Why there are no poses in a file."""
     if not blocks or any(block.having("joint") for block in blocks):
         return ScanError(f"{path}: no poses; joint angles are none: export Cartesian")
-    likely = max(blocks, key=lambda block: (has_position(block), len(block.table)))
+    with_position = [block for block in blocks if has_position(block)]
+    likely = max(with_position or blocks, key=lambda block: len(block.table))
     if said:
         titles = [title for title in said.split(",") if title.strip() != "_"]
         unknown = [title for title in titles if not column_titled(0, title).role]
@@ -122,8 +123,10 @@ def question_on_columns(
     roles = {column.role for column in columns}
     wanted = [axis for axis in XYZ if axis not in roles]
     if not convention_of(roles):
-        has_four = len(free) - len(wanted) == 4
-        wanted += named("quaternion" if has_four else "FANUC angles").columns
+        usual = "quaternion" if len(free) - len(wanted) == 4 else "FANUC angles"
+        order = [named(usual), *CONVENTIONS]
+        begun = max(order, key=lambda one: len(roles.intersection(one.columns)))
+        wanted += [name for name in begun.columns if name not in roles]
     if len(wanted) > len(free):
         return ScanError(sentence)
     guessed = dict(zip(free, wanted, strict=False))
@@ -190,11 +193,13 @@ def pose_entries(
     Raises ScanError.
     """
     turn, positions = poses.convention, poses.numbers(XYZ)
-    (length, unit), (angle, of_angle) = length_of(poses), angle_of(poses, layout)
+    length, unit = length_of(poses)
+    angle, of_angle = angle_of(poses, layout)
     angles = poses.numbers(turn.columns) * angle
     columns = dict(zip(XYZ, positions.T, strict=True))
     columns |= zip(turn.columns, angles.T, strict=True)
-    others = listed(p.name for p in poses.block.poses.values() if p.name != poses.name)
+    names = [own.name for own in poses.block.poses.values()]
+    others = listed(name for name in names if name != poses.name)
     beside = f", not {others}" if others else ""
     name = "poses" if poses.name in ("", "pose") else poses.name
     words = f"{len(labels)} {name}{beside} in {unit}{of_angle}"
@@ -203,4 +208,5 @@ def pose_entries(
     taken["poses"] = f"{poses.path.name}: {words}: {low} to {high} mm"
     taken["pose_columns"] = f"{', '.join(poses.columns)}: {turn.meaning}"
     lines = [*poses.block.table.index]
-    return check_poses(Table(poses.path, {"pose": labels} | columns, lines), length)
+    table = Table(poses.path, {"pose": labels} | columns, lines)
+    return check_poses(table, length)

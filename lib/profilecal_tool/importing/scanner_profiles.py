@@ -98,12 +98,12 @@ def points_in(block: Block, said: str) -> Part | None:
 
     Raises Question.
     """
-    pairs = {
-        f"{block.title(x.at)},{block.title(z.at)}": [x, z]
-        for x in block.having("x")
-        for z in block.having("z")
-        if x.owner == z.owner
-    }
+    pairs = {}
+    for x in block.having("x"):
+        for z in block.having("z"):
+            if x.owner == z.owner:
+                title = f"{block.title(x.at)},{block.title(z.at)}"
+                pairs[title] = [x, z]
     if said:
         pair = columns_called(block, said)
         pairs = {said: pair} if len(pair) == 2 else {}
@@ -181,7 +181,7 @@ def profiles_of_tables(
     """
     names, counts = [], []
     for points in tables:
-        several = 0 if len(tables) > 1 < poses else poses
+        several = poses if len(tables) == 1 or poses == 1 else 0
         profile, own = profile_of_each_row(points.block, several)
         check_one_section(points, profile, layout)
         each = np.bincount(profile)
@@ -218,13 +218,18 @@ def check_one_section(points: Part, profile: ndarray, layout: Layout) -> None:
     """
     block, (x, z) = points.block, points.columns.values()
     for column in block.having("y", "sensor", "label"):
-        cells, is_y = block.table[column.at], column.role == "y"
+        is_y, is_label = column.role == "y", column.role == "label"
+        cells = block.table[column.at]
         each = cells.groupby(profile).agg(["nunique", "size"])
         comes_back = (2 * each["nunique"] <= each["size"]).all()
-        counts_points = column.role == "label" and not comes_back
-        is_other = column in (x, z) or (is_y and column.owner != x.owner)
-        all_wanted = column.role == "label" and layout.where == f"{column.name}=*"
-        if counts_points or is_other or all_wanted or each["nunique"].max() < 2:
+        passes = (
+            each["nunique"].max() < 2,
+            column in (x, z),
+            is_y and column.owner != x.owner,
+            is_label and not comes_back,  # it counts points
+            is_label and layout.where == f"{column.name}=*",
+        )
+        if any(passes):
             continue
         values = sorted(cells.dropna().unique())
         sentence = f"{block.path}: {column.name} is {values[0]} to {values[-1]}"
@@ -232,10 +237,9 @@ def check_one_section(points: Part, profile: ndarray, layout: Layout) -> None:
             answer = f"{block.title(column.at)},{block.title(z.at)}"
             raise Question(f"{sentence}, x always the same", columns=answer)
         one = min(values, key=abs) if is_y else values[0]
-        sentence += " in one profile"
-        if column.role == "label":
-            sentence += f" (all: --where '{column.name}=*')"
-        raise Question(sentence, where=f"{column.name}={one}")
+        hint = f" (all: --where '{column.name}=*')" if is_label else ""
+        where = f"{column.name}={one}"
+        raise Question(f"{sentence} in one profile{hint}", where=where)
 
 
 def question_on_points(blocks: list[Block], said: str) -> Question:
@@ -267,7 +271,8 @@ def in_mm(
     taken["unit"] = unit
     words = listed(f"{code:.12g}" for code in codes) or "blank"
     taken["missing"] = f"{words}: {unseen.sum()} of {len(xz)} points"
-    width, largest = high[0] - low[0], np.abs([low, high]).max()
+    width = high[0] - low[0]
+    largest = np.abs([low, high]).max()
     is_narrow = 0 < width < NARROW_MM and not said
     if is_narrow or not 1 <= largest <= FARTHEST_MM:
         sentence = f"{width:.4g} mm wide, up to {largest:.4g} mm away"
@@ -285,11 +290,18 @@ def codes_in(z: ndarray, said: float | None) -> list[float]:
     if said is not None:
         codes.append(said)
     seen = z[np.isfinite(z)]
-    zero_ends = 0 in (seen.min(initial=1), seen.max(initial=-1))
-    return [0.0] if zero_ends and not codes else codes
+    ends = seen.min(initial=1), seen.max(initial=-1)
+    if 0 in ends and not codes:
+        codes = [0.0]
+    return codes
 
 
 def likely_unit(farthest: float) -> str:
     """The unit in which a number is most like a scanner's distance."""
-    farthest_mm = {unit: farthest * mm for unit, mm in LENGTH_UNITS.items()}
-    return min(farthest_mm, key=lambda unit: abs(np.log(farthest_mm[unit] / LIKELY_MM)))
+
+    def how_unlike(unit: str) -> float:
+        """Of the largest number in a unit."""
+        farthest_mm = farthest * LENGTH_UNITS[unit]
+        return abs(np.log(farthest_mm / LIKELY_MM))
+
+    return min(LENGTH_UNITS, key=how_unlike)

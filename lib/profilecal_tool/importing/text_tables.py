@@ -121,7 +121,8 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         if titles:
             known, after = titles, end
         titles = titles or counted(count)
-        labels = [column_titled(*one).role == "label" for one in enumerate(titles)]
+        columns = [column_titled(*one) for one in enumerate(titles)]
+        labels = [column.at for column in columns if column.role == "label"]
         stream.seek(place)
         table = pandas.read_csv(
             stream,
@@ -130,7 +131,7 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
             names=range(count),
             nrows=end - begin - first,
             skiprows=first,
-            dtype=dict.fromkeys(np.flatnonzero(labels), str),  # 1.10 is not 1.1
+            dtype=dict.fromkeys(labels, str),  # 1.10 is not 1.1
             **OPTIONS,
         )
         table.index += begin + first + 1
