@@ -328,25 +328,28 @@ class LinearModel:
         """
         other = copy(self)
         products, _ = self.rest_of_kept
-        products = products + squares(self.Z[None, self.kept])[0]
+        products = products + squares(self.rows.Z[None])[0]
         other.rest_of_kept = products, int(self.counts[self.kept].sum())
         other.flange_errs = False
         return other
 
-    @property
-    def Z(self) -> ndarray:
-        """[B | A | r] (profiles, q, m + n + 1) of the rows that speak of the flange."""
+    def Z(self, profiles: ndarray) -> ndarray:
+        """[B | A | r] (k, q, m + n + 1) of the rows of some profiles, by number, that
+        speak of the flange.
+        """
+        Y = self.Y[profiles]
         if not self.smooth:
-            return self.Y
-        B = self.smooth.columns(self.E[..., :6])
-        return np.concatenate([B, self.Y], axis=2)
+            return Y
+        B = self.smooth.columns(self.E[profiles, :, :6], profiles)
+        return np.concatenate([B, Y], axis=2)
 
     @cached_property
     def rows(self) -> Rows:
         """Of the profiles kept."""
         most = max(1, AT_ONCE // (self.q * (self.m + self.n + 1)))
         groups, profiles = self.nesting.bundles(self.kept, most)
-        E, Z = self.E[profiles], self.Z[profiles]
+        E, Z = self.E[profiles], self.Z(profiles.ravel())
+        Z = Z.reshape(*E.shape[:3], -1)
         E[profiles < 0] = Z[profiles < 0] = 0.0
         parts = [np.broadcast_to(np.eye(self.q), (*profiles.shape, self.q, self.q))]
         errors = [0]
@@ -573,9 +576,12 @@ class LinearModel:
         Johnson 1992).
         """
         x, V = posterior.whole
-        Z = self.Z
-        errors, A = Z @ np.append(x, 1.0), Z[..., :-1]
-        covariances = self.own(posterior.v[0]) + A @ V @ A.mT
+        out = np.flatnonzero(~self.kept | (posterior.factors is None))
+        Z = self.Z(out)
+        A = Z[..., :-1]
+        errors, covariances = np.zeros(self.E.shape[:2]), self.own(posterior.v[0])
+        errors[out] = Z @ np.append(x, 1.0)
+        covariances[out] += A @ V @ A.mT
         if posterior.factors:
             _, (W,), _ = posterior.factors.solve(self.rows.Z)
             P, _, w = self.precisions(posterior.factors, (x, V), W)

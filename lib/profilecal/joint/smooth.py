@@ -60,14 +60,19 @@ class SmoothErrors:
         """What other poses need to know of these."""
         return *self.middle, self.steps
 
-    def columns(self, by_flange: ndarray) -> ndarray:
-        """By how much each coefficient moves rows (P, K, 27) that a motion of the
-        flange moves by `by_flange` (P, K, 6), without what the steps take up.
+    def columns(
+        self, by_flange: ndarray, profiles: ndarray | slice = slice(None)
+    ) -> ndarray:
+        """By how much each coefficient moves rows (k, K, 27) of some profiles that a
+        motion of the flange moves by `by_flange` (k, K, 6), without what the steps take
+        up.
         """
         columns = np.empty((*by_flange.shape[:2], COEFFICIENTS))
-        for chunk in chunks_of(np.arange(len(by_flange))):
-            rigid, errors = self.motions(chunk)
-            columns[chunk] = by_flange[chunk] @ (errors - rigid @ self.steps)
+        numbers = np.arange(len(self.poses[0]))[profiles]
+        for chunk in chunks_of(np.arange(len(columns))):
+            rigid, errors = self.motions(numbers[chunk])
+            by = by_flange[chunk]
+            columns[chunk] = by @ errors - (by @ rigid) @ self.steps
         return columns
 
     def keeping(self, kept: ndarray) -> "SmoothErrors":
@@ -142,7 +147,7 @@ def smooth_errors(
 
 def chunks_of(profiles: ndarray) -> list[ndarray]:
     """Numbers of profiles, some at a time."""
-    return np.array_split(profiles, 1 + len(profiles) // CHUNK)
+    return [profiles[k : k + CHUNK] for k in range(0, len(profiles), CHUNK)]
 
 
 def positions(R: ndarray, T: ndarray, to_hand: bool) -> ndarray:

@@ -43,8 +43,8 @@ class Smooth:
         self.left = left
         self.count = left.shape[-1]
 
-    def columns(self, by_flange):
-        return by_flange @ self.left
+    def columns(self, by_flange, profiles):
+        return by_flange @ self.left[profiles]
 
     def keeping(self, kept):
         return self
