@@ -237,15 +237,41 @@ def fanuc(folder, tool=0, more=""):
     write_lines(folder / "CALIB.LS", [*lines, "/END"])
 
 
-def csv(folder):
-    header = "Name;X [mm];Y [mm];Z [mm];Alpha [°];Beta [°];Gamma [°]"
-    lines = [
-        f"scan_{k:03d};{text(row, ';').replace('.', ',')}"
-        for k, row in enumerate(poses("Stäubli angles"))
-    ]
-    order = default_rng(1).permutation(12)
-    lines = [header, *(lines[k] for k in order), ""]
-    write_lines(folder / "robot.csv", lines)
+def listed(
+    titles,
+    labels=(),
+    convention="KUKA angles",
+    scale=1.0,
+    angle=1.0,
+    order=range(12),
+    encoding="utf-8",
+    name="poses.csv",
+):
+    """A table of poses under titles, or under none; each row behind its label."""
+
+    def write(folder):
+        between = next((mark for mark in ",; " if mark in titles), ",")
+        rows = poses(convention, scale)
+        rows[:, 3:] *= angle
+        lines = [text(row, between) for row in rows]
+        if labels:
+            pairs = zip(labels, lines, strict=True)
+            lines = [f"{label}{between}{line}" for label, line in pairs]
+        lines = [*titles.split("\n"), *(lines[k] for k in order)]
+        content = "\n".join(lines).strip("\n")
+        content = content.replace(".", ",") if between != "," else content
+        (folder / name).write_bytes(content.encode(encoding))
+
+    return write
+
+
+csv = listed(
+    "Name;X [mm];Y [mm];Z [mm];Alpha [°];Beta [°];Gamma [°]",
+    [f"scan_{k:03d}" for k in range(12)],
+    "Stäubli angles",
+    order=default_rng(1).permutation(12),
+    name="robot.csv",
+)
 
 
 def tum(folder):

@@ -25,7 +25,16 @@ from folders import edited
 from makers_table import README, with_table
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from peoples_files import POSES, PROFILES, poses, scan, text, write_lines, write_table
+from peoples_files import (
+    POSES,
+    PROFILES,
+    listed,
+    poses,
+    scan,
+    text,
+    write_lines,
+    write_table,
+)
 from simulated import scan_of
 
 from profilecal.calibration.calibrate import calibrate
@@ -38,6 +47,7 @@ from profilecal_tool.importing.program_lines import matches_of, program_blocks
 from profilecal_tool.importing.questions import Question
 
 HERE = np.eye(4)
+BACKWARDS = range(11, -1, -1)
 CHANGES = ["bytes_flipped", "lines_lost_or_doubled", "cut_short"]
 CHANGES += ["other_separators", "something_inserted"]
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "30"))
@@ -77,33 +87,6 @@ def test_profiles_in_any_layout_are_the_same(of_profiles, tmp_path):
 # folders that are asked about; each with what the question has
 
 
-def listed(
-    titles,
-    labels=(),
-    convention="KUKA angles",
-    scale=1.0,
-    angle=1.0,
-    backwards=False,
-    encoding="utf-8",
-):
-    """A table of poses under titles, or under none; each row behind its label."""
-
-    def write(folder):
-        between = next((mark for mark in ",; " if mark in titles), ",")
-        rows = poses(convention, scale)
-        rows[:, 3:] *= angle
-        lines = [text(row, between) for row in rows]
-        if labels:
-            pairs = zip(labels, lines, strict=False)
-            lines = [f"{label}{between}{line}" for label, line in pairs]
-        lines = [*titles.split("\n"), *lines[:: -1 if backwards else 1]]
-        content = "\n".join(lines).strip("\n")
-        content = content.replace(".", ",") if between != "," else content
-        (folder / "poses.csv").write_bytes(content.encode(encoding))
-
-    return write
-
-
 def named_profiles(name, titles="x,z", encoding="utf-8", begin=0):
     def write(folder):
         for k, points in enumerate(scan().values, begin):
@@ -136,17 +119,16 @@ def two_in_one_file(folder):
         write_lines(folder / f"p{k}.csv", [line.replace("nan", "") for line in lines])
 
 
-def repeated(folder):
-    people.one_each(folder)
-    for path in [*folder.glob("scan_*")]:
-        shutil.copy(path, path.with_name(f"{path.stem}_frame1.csv"))
-        path.rename(path.with_name(f"{path.stem}_frame0.csv"))
+def doubled(one, other):
+    """Two files in place of each."""
 
+    def write(folder):
+        people.one_each(folder)
+        for path in [*folder.glob("scan_*")]:
+            shutil.copy(path, folder / other.format(path.stem))
+            path.rename(folder / one.format(path.stem))
 
-def left_and_right(folder):
-    people.one_each(folder)
-    for path in [*folder.glob("scan_*")]:
-        shutil.copy(path, path.with_name(f"under_{path.name}"))
+    return write
 
 
 def two_poses(folder):
@@ -205,8 +187,16 @@ ASKED = {
     "a cloud": (*points_of("y,x,z", "-2", "0", "2"), "y is -2 to 2"),
     "whole numbers": (*points_of("x,z", scale=1e5), "(--missing)"),
     "two tables": (people.tum, two_in_one_file, "which is the profile"),
-    "several of a pose": (people.csv, repeated, "of one pose"),
-    "two families": (people.csv, left_and_right, "which are the profiles"),
+    "several of a pose": (
+        people.csv,
+        doubled("{}_frame0.csv", "{}_frame1.csv"),
+        "of one pose",
+    ),
+    "two families": (
+        people.csv,
+        doubled("{}.csv", "under_{}.csv"),
+        "which are the profiles",
+    ),
 }
 
 
@@ -260,23 +250,22 @@ def in_one_table(folder):
     write_lines(folder / "log.csv", lines)
 
 
+def captures(of_points):
+    for (position, turn), points in zip(people.samples(), scan().values, strict=True):
+        pose = {"position": position, "orientation": turn}
+        yield {"robot": pose, "profile": {"points": of_points(points)}}
+
+
 def in_json(folder):
     """A file for each pose, with its profile."""
-    parts = zip(people.samples(), scan().values, strict=True)
-    for k, ((position, turn), points) in enumerate(parts):
-        cells = [[None if z != z else z for z in point] for point in points.tolist()]
-        pose = {"position": position, "orientation": turn}
-        content = json.dumps({"robot": pose, "profile": {"points": cells}})
-        (folder / f"capture{k:02d}.json").write_text(content)
+    for k, capture in enumerate(captures(np.ndarray.tolist)):
+        (folder / f"capture{k:02d}.json").write_text(json.dumps(capture))
 
 
 def in_one_json(folder):
-    """A sample for each pose, with a list of x and one of z."""
-    samples = []
-    for (position, turn), points in zip(people.samples(), scan().values, strict=True):
-        x, z = ([None if c != c else c for c in column] for column in points.T)
-        samples.append({"position": position, "orientation": turn, "x": x, "z": z})
-    (folder / "samples.json").write_text(json.dumps(samples))
+    """A sample for each pose, with points by name."""
+    samples = captures(lambda points: [{"x": x, "z": z} for x, z in points])
+    (folder / "samples.json").write_text(json.dumps([*samples]))
 
 
 def nothing(folder):
@@ -294,7 +283,7 @@ PAIRED = {
         "by the numbers in the names",
     ),
     "a date and a number": (
-        listed(GERMAN.format("Laufnummer"), BY_XP, backwards=True),
+        listed(GERMAN.format("Laufnummer"), BY_XP, order=BACKWARDS),
         named_profiles("20240503_1412{0:02}_{0:03}.csv"),
         "number 1",
     ),
@@ -307,17 +296,17 @@ PAIRED = {
         "number 1",
     ),
     "German": (
-        listed(GERMAN.format("Messung"), BY_XP, backwards=True, encoding="cp1252"),
+        listed(GERMAN.format("Messung"), BY_XP, order=BACKWARDS, encoding="cp1252"),
         named_profiles("line2_{:02}.csv", "X Achse [mm],Höhe [mm]", "cp1252"),
         "number 2 in the names",
     ),
     "Chinese": (
-        listed(GERMAN.format("序号"), BY_XP, backwards=True, encoding="gb18030"),
+        listed(GERMAN.format("序号"), BY_XP, order=BACKWARDS, encoding="gb18030"),
         named_profiles("轮廓{}.csv", "X坐标(毫米),高度(毫米)", "gb18030"),
         "number 1",
     ),
     "UTF-16": (
-        listed(GERMAN.format("Nr."), BY_XP, backwards=True, encoding="utf-16"),
+        listed(GERMAN.format("Nr."), BY_XP, order=BACKWARDS, encoding="utf-16"),
         named_profiles("p{}.txt", "x,z", "utf-16", 1),
         "from 0 and from 1",
     ),
@@ -332,7 +321,7 @@ PAIRED = {
         "number 1 in the names; left out, without a profile: 0",
     ),
     "an index without a title": (
-        listed(",x,y,z,a,b,c", range(12), backwards=True),
+        listed(",x,y,z,a,b,c", range(12), order=BACKWARDS),
         named_profiles("p{}.csv"),
         "number 1 in the names",
     ),
@@ -571,7 +560,7 @@ MISTAKES = {
         "11 profiles for 12 poses",
     ),
     "a stack, and poses in another order": (
-        listed("id,x,y,z,a,b,c", range(12), backwards=True),
+        listed("id,x,y,z,a,b,c", range(12), order=BACKWARDS),
         stacked(begin=0),
         "sort the rows",
     ),
