@@ -4,6 +4,7 @@ ellipse of a rod.
 
 from dataclasses import dataclass
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 from numpy import ndarray
@@ -74,7 +75,7 @@ class Kind:
     """The sections of a body, one of which an arc may be."""
 
     radius: float  # mm, of the body
-    largest = 1.0  # of circles with which a search begins, in radii
+    largest: ClassVar[float]  # of circles with which a search begins, in radii
 
     @property
     def missing(self) -> str:
@@ -224,9 +225,9 @@ def refined(
         on = max(stretches(np.flatnonzero(near), 20), key=len)
         if np.array_equal(on, before):
             break
-        fitted = (
-            kind.nearest(points[on], curve) if len(on) >= LEAST_ARC_POINTS else None
-        )
+        if len(on) < LEAST_ARC_POINTS:
+            return None
+        fitted = kind.nearest(points[on], curve)
         if fitted is None:
             return None
         curve = fitted

@@ -49,7 +49,8 @@ def look_of_most(shown_by: Counter[Look]) -> Look | None:
     """
     look = usual_look(shown_by)
     other_end = shown_by[Look(look.shape, -look.sign)]
-    if look.shape != "step end" or other_end <= AMBIGUOUS * shown_by[look]:
+    is_clear = other_end <= AMBIGUOUS * shown_by[look]
+    if is_clear or look.shape != "step end":
         return look
     # beside one of both ends a side face may show now and then
     often = [look for look, count in shown_by.items() if count > 2]

@@ -140,10 +140,12 @@ def run_end(run: Run) -> End:
     rows, along = run.rows[on_face], run.along[on_face]
     zone = min(ZONE, len(rows) // 2)
     numbers, is_gap = numbered(rows, along)
-    wall = wall_points(run, rows[-zone], rows[-1] + zone, threshold)
+    first, last = rows[-zone], rows[-1] + zone
+    wall = wall_points(run, first, last, threshold)
     from_end = numbers - (numbers[-1] - wall + 0.5)
 
-    clear = len(rows) - min(max(blurred, 2 * wall), len(rows) // 2)
+    spoilt = min(max(blurred, 2 * wall), len(rows) // 2)
+    clear = len(rows) - spoilt
     place, spacing, variance = end_at(from_end[:clear], along[:clear])
     point = run.point + place * run.direction
     overlaps = is_gap[1 - zone :].sum()
