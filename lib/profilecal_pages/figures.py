@@ -124,6 +124,20 @@ def draw_scan(
     return corners
 
 
+def beside(
+    points: ndarray, point: ArrayLike, direction: ndarray
+) -> tuple[ndarray, ndarray]:
+    """Points (..., 3) seen from beside a line: how far along it, and across, in the
+    view that spreads them most.
+    """
+    offset = points - point
+    along = offset @ direction
+    off_line = (offset - along[..., None] * direction).reshape(-1, 3)
+    across = np.linalg.svd(off_line - off_line.mean(axis=0), full_matrices=False)[2][0]
+    across -= (across @ direction) * direction
+    return along, np.sign(across[0]) * offset @ across
+
+
 def noise_curves(axes: Axes, m: Sequence, sigma_mm: Sequence, e: Sequence) -> None:
     """Draw e (k, l) over m (l,), one curve for each sigma_mm (k,), named at its right
     end.
