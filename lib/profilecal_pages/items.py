@@ -263,7 +263,7 @@ def sentence(gathered: Gathered) -> str:
     apart = count["not counted"]
     return (
         f"Of {count.total()} printed results {apart} are not counted: they restate "
-        "others, or agree under each change tried (page 01). "
+        "others, or agree under each change tried. "
         f"Of the other {count.total() - apart}, {count['reproduced']} are reproduced "
         f"from printed inputs, {count['compatible']} are compatible with settings "
         f"that we chose, and {count['differs']} differ."
