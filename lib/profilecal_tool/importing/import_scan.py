@@ -43,14 +43,12 @@ def import_scan(
     folder: str | Path, kind: str, sizes: dict, layout: Layout = NOTHING_SAID
 ) -> tuple[Scan, dict[str, str]]:
     """The scan of a target of these sizes, mm by name, in a folder of files; and what
-    was taken for granted, by option, as all who are given `taken` write into it.
-
-    Raises ScanError; Question where it is uncertain.
+    was taken for granted, by option. Raises ScanError; Question where it is uncertain.
     """
     folder, target = Path(folder), {"kind": kind} | sizes
     said = {"title": folder.resolve().name, "mount": layout.mount, "target": target}
     header, _ = check_header(folder, said)
-    taken = {}
+    taken = {}  # each step adds what it takes for granted
     poses, profiles, beside = read_folder(folder, layout, taken)
     poses, tool = of_one_tool(poses, beside, layout, taken)
     moves = [row.get("name") for row in said_in_program(poses, beside, "uses")]
@@ -156,7 +154,7 @@ def blocks_in(path: Path, layout: Layout) -> list[Block]:
 def with_rows_wanted(block: Block, where: str) -> Block:
     """A block with the rows that are wanted, if it has the column. Raises ScanError."""
     name, _, value = where.lower().partition("=")
-    if value in ("", "*"):
+    if not name or value == "*":
         return block
     for column in block.others:
         if name in (column.name, column.role):
@@ -186,8 +184,8 @@ def which_hold_what(
     # those of half as many files are something else, such as a reference
     profiles = [name for name in profiles if 2 * count[name] > count[profiles[0]]]
     unclear = [name for name in others if name not in profiles]
-    fewest = unclear[-1:]
-    pose = one_or_ask(folder, poses or fewest, "holds the poses", "poses")
+    poses = poses or unclear[-1:]  # of fewest files
+    pose = one_or_ask(folder, poses, "holds the poses", "poses")
     profiles = profiles or [name for name in unclear if name != pose][:1]
     if not profiles and point_tables(first[pose], layout):
         profiles = [pose]
