@@ -5,9 +5,10 @@ from collections.abc import Iterable, Iterator
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pandas
+from pandas import DataFrame, read_csv
 
 from profilecal.geometry.progress import watched
 from profilecal.scan.tables import NOTHING, ScanError, cell_number
@@ -120,19 +121,18 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
             titles = known
         if titles:
             known, after = titles, end
-        titles = titles or counted(count)
-        columns = [column_titled(*one) for one in enumerate(titles)]
-        labels = [column.at for column in columns if column.role == "label"]
         stream.seek(place)
-        table = pandas.read_csv(
-            stream,
-            sep=mark or r"\s+",
-            decimal=decimal,
-            names=range(count),
-            nrows=end - begin - first,
-            skiprows=first,
-            dtype=dict.fromkeys(labels, str),  # 1.10 is not 1.1
-            **OPTIONS,
-        )
+        options = {"skiprows": first, "nrows": end - begin - first}
+        titles = titles or counted(count)
+        table = numbers_below(stream, titles, sep=mark, decimal=decimal, **options)
         table.index += begin + first + 1
         yield Block(path, table, titles)
+
+
+def numbers_below(stream: BytesIO, titles: list[str], **options: Any) -> DataFrame:
+    """The rows below titles, with labels as text: 1.10 is not 1.1."""
+    columns = [column_titled(*one) for one in enumerate(titles)]
+    labels = [column.at for column in columns if column.role == "label"]
+    options["sep"] = options["sep"] or r"\s+"
+    dtype = dict.fromkeys(labels, str)
+    return read_csv(stream, names=range(len(titles)), dtype=dtype, **options, **OPTIONS)
