@@ -57,8 +57,10 @@ def choose(
     first. `reasons`: why a profile has none; empty where no more can be said than that.
     """
     if not any(candidates):
-        counts = map(len, profiles)
-        return [nothing(f"nothing like the target in {n} points") for n in counts]
+        return [
+            nothing(why or f"nothing like the target in {len(profile)} points")
+            for why, profile in zip(reasons, profiles, strict=True)
+        ]
     is_open = [
         len(own) > 1 and own[1].support > AMBIGUOUS * own[0].support
         for own in candidates

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from profilecal.profiles.candidates import Candidate, choose, ranked
-from profilecal.profiles.ends import View, facing, run_end, step_beyond
+from profilecal.profiles.ends import CLEAR, View, facing, run_end, step_beyond
 from profilecal.profiles.points import Feature, Profiles, in_each
 from profilecal.profiles.runs import Run, straight_runs
 
@@ -21,7 +21,16 @@ def find_chords(profiles: Profiles, radius: float) -> list[Feature]:
     signs = [one.sign for own in candidates for one in own]
     depth_sign = view.depth_sign or np.sign(sum(signs))
     in_front = [[c for c in own if c.sign * depth_sign >= 0] for own in candidates]
-    return choose(profiles, in_front, "chord", [""] * len(profiles))
+    reasons = [why_no_chord(runs, view) for runs in found]
+    return choose(profiles, in_front, "chord", reasons)
+
+
+def why_no_chord(runs: list[Run], view: View) -> str:
+    """Why a single run is none; empty where no more can be said than that."""
+    tips = [one.points[-1] for run in facing(runs) for one in (run, run.reversed())]
+    if len(tips) != 2 or not any(map(view.may_cut, tips)):
+        return ""
+    return f"may be cut by the field of view; chords should end {CLEAR:g} mm inside it"
 
 
 def chords(runs: list[Run], radius: float, view: View) -> Iterator[Candidate]:
