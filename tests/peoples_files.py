@@ -429,6 +429,14 @@ def stacked(folder):
     np.save(folder / "all.npy", np.stack(scan().values).swapaxes(1, 2))
 
 
+def point_clouds(folder):
+    head = ["ply", "format ascii 1.0", f"element vertex {len(scan().values[0])}"]
+    head += [f"property float {axis}" for axis in "xyz"] + ["end_header"]
+    for k, points in enumerate(scan().values):
+        rows = [text(point, " ") for point in with_y(points)]
+        write_lines(folder / f"cloud{k}.ply", [*head, *rows])
+
+
 POSES = (
     *(kuka, abb, ur, fanuc, yaskawa, kawasaki, staubli),
     *(xml_log, nested, stamped, opencv, of_images, csv, tum, matrices, array),
@@ -437,7 +445,7 @@ POSES = (
 IN_A_BASE = (abb, staubli)
 PROFILES = (
     *(one_each, with_gaps, codes_in_um, lists, archives, surfaces, numbered_columns),
-    *(long_table, below, stacked),
+    *(long_table, below, stacked, point_clouds),
 )
 
 

@@ -1,4 +1,4 @@
-"""Arrays of NumPy and MATLAB, sheets."""
+"""Arrays of NumPy, MATLAB and PLY, sheets."""
 
 import re
 from collections import defaultdict
@@ -18,9 +18,9 @@ OF_POSES = (4, 4), (3, 4), (3, 3), (3, 1), (1, 3)  # what a pose's matrices have
 
 def binary_blocks(path: Path) -> Iterator[Block]:
     """The tables of a file of arrays. Raises ScanError."""
-    is_matlab = path.suffix.lower() == ".mat"
+    reader = {".mat": matlab_arrays, ".ply": points_of_ply}
     try:
-        arrays = matlab_arrays(path) if is_matlab else numpy_arrays(path)
+        arrays = reader.get(path.suffix.lower(), numpy_arrays)(path)
     except Exception as error:  # each reader has its own
         raise ScanError(f"{path}: no arrays of numbers: is it cut short?") from error
     yield from array_blocks(path, arrays)
@@ -38,6 +38,14 @@ def matlab_arrays(path: Path) -> dict[str, ndarray]:
             is_stack = array.ndim == 3
             arrays[name] = np.moveaxis(array, -1, 0) if is_stack else array
     return arrays
+
+
+def points_of_ply(path: Path) -> dict[str, ndarray]:
+    """The columns of a point cloud."""
+    from plyfile import PlyData
+
+    points = PlyData.read(path)["vertex"].data
+    return {name: points[name] for name in points.dtype.names}
 
 
 def numpy_arrays(path: Path) -> dict[str, ndarray]:

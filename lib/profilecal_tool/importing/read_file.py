@@ -14,7 +14,7 @@ from profilecal_tool.importing.program_lines import program_blocks
 from profilecal_tool.importing.text_tables import BEGIN, text_blocks
 
 SHEETS = {".xlsx", ".xlsm"}
-BINARY = {".npy", ".npz", ".mat"}
+BINARY = {".npy", ".npz", ".mat", ".ply"}
 NESTED = {".json", ".yaml", ".yml"}
 LARGEST_PROGRAM = 2_000_000  # characters
 ENCODINGS = ("cp1252", "gb18030", "shift_jis", "big5", "cp949", "cp1251")
