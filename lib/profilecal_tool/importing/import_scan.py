@@ -118,7 +118,9 @@ def check_where(folder: Path, blocks: list[Block], where: str) -> None:
 
 def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
     """The files of a folder by what they are called but for numbers, and by patterns
-    that a user says. Raises ScanError.
+    that a user says; in their tables the rows that are wanted, with a point in each.
+
+    Raises ScanError.
     """
     said = [pattern for pattern in (layout.poses, layout.profiles) if pattern]
     paths = {path: name for name in said for path in files_matching(folder, name)}
@@ -128,7 +130,10 @@ def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
                 paths[path] = re.sub(r"\d+", "*", str(path.relative_to(folder)))
     families = {}
     for path, name in watched([*paths.items()], "reading"):
-        families.setdefault(name, {})[path] = blocks_in(path, layout)
+        blocks = tables_in_file(path, layout.encoding)
+        blocks = [with_rows_wanted(block, layout.where) for block in blocks]
+        blocks = [with_a_point_a_row(block, layout) for block in blocks]
+        families.setdefault(name, {})[path] = blocks
     return families
 
 
@@ -139,16 +144,6 @@ def files_matching(folder: Path, pattern: str) -> list[Path]:
     if not paths:
         raise ScanError(f"{folder}: no file matches {pattern!r}; is the folder right?")
     return sorted(paths, key=lambda p: re.sub(r"\d+", lambda d: d[0].zfill(20), str(p)))
-
-
-def blocks_in(path: Path, layout: Layout) -> list[Block]:
-    """The tables in a file, of the rows that are wanted, and with a point in each.
-
-    Raises ScanError.
-    """
-    blocks = tables_in_file(path, layout.encoding)
-    blocks = [with_rows_wanted(block, layout.where) for block in blocks]
-    return [with_a_point_a_row(block, layout) for block in blocks]
 
 
 def with_rows_wanted(block: Block, where: str) -> Block:
@@ -175,8 +170,8 @@ def which_hold_what(
     first = {n: next(filter(None, own.values()), []) for n, own in families.items()}
     count = {name: len(families[name]) for name, blocks in first.items() if blocks}
     names = sorted(count, key=count.get, reverse=True)
-    poses = [n for n in names if poses_in(first[n], layout.pose_columns)]
-    poses = [name for name in poses if name != layout.profiles]
+    free = [name for name in names if name != layout.profiles]
+    poses = [name for name in free if poses_in(first[name], layout.pose_columns)]
     if layout.poses:
         poses = [layout.poses]
     others = [name for name in names if name not in poses]
@@ -202,8 +197,7 @@ def check_one_profile_a_pose(
     if len(again) and not layout.profiles:
         one, other = names[again[0]], names[again[0] + 1]
         words = re.findall(r"[a-zA-Z]*\d+", one)
-        own = [word for word in words if word not in other]
-        part = own[0] if own else one
+        part = next((word for word in words if word not in other), one)
         sentence = f"{one} and {other} are of one pose; which of them? (all: '*')"
         raise Question(f"{folder}: {sentence}", profiles=f"*{part}*")
 

@@ -42,9 +42,8 @@ def nested_blocks(path: Path, text: str) -> Iterator[Block]:
         except (yaml.YAMLError, json.JSONDecodeError) as error:
             words = " ".join(str(error).split())
             raise ScanError(f"{path}: {words}; is the file cut short?") from error
-        if documents:
-            rows = documents if len(documents) > 1 else documents[0]
-            yield from nested_tables(path, rows)
+        rows = documents[0] if len(documents) == 1 else documents
+        yield from nested_tables(path, rows)
 
 
 def nested_tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:

@@ -46,7 +46,10 @@ def pair_profiles(
     Raises ScanError.
     """
     if layout.times:
-        names = times_at_a_rate(len(names), *layout.times)
+        start, rate = layout.times
+        if not rate > 0:
+            raise ScanError(f"--times: {rate:g} profiles a second; expected some")
+        names = [f"{start + k / rate:.6f}" for k in range(len(names))]
     labels = next(iter(poses.labels.values()), [])
     driven = [labels.index(name) for name in dict.fromkeys(moves) if name in labels]
     found = paired_by_label(poses, names)
@@ -63,13 +66,6 @@ def pair_profiles(
     for what, left in (("pose", lost), ("profile", idle)):
         how += f"; left out, without a {what}: {listed(left)}" if left else ""
     return found._replace(how=how)
-
-
-def times_at_a_rate(count: int, start: float, rate: float) -> list[str]:
-    """When profiles were taken, s. Raises ScanError."""
-    if not rate > 0:
-        raise ScanError(f"--times: {rate:g} profiles a second; expected some")
-    return [f"{start + k / rate:.6f}" for k in range(count)]
 
 
 def paired_in_order(
@@ -99,11 +95,11 @@ def paired_in_order(
 class Match(NamedTuple):
     """Which poses have the labels that profiles have."""
 
+    rank: tuple[bool, float]  # whether by more than one number; how many it serves
     rows: ndarray  # (P,) -1: none
     how: str
     title: str
-    keys: list  # of the poses
-    share: float  # of the poses that have a profile, or of profiles that have a pose
+    last: list[int]  # (L,) the last pose with the label of each
 
 
 def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
@@ -112,11 +108,6 @@ def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
 
     Raises ScanError where two serve as many and differ, and where a label stands twice.
     """
-
-    def rank(match: Match) -> tuple[bool, float]:
-        """A number comes last; else how many it serves."""
-        return not match.how.startswith("number "), match.share
-
     matches = []
     for title, labels in poses.labels.items():
         for how, keys, wanted in ways_to_compare(labels, names):
@@ -125,13 +116,15 @@ def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
             served = len({*rows} - {-1}) / len(row_of)
             share = min((rows >= 0).mean(), served)
             if share > 0.5:
-                matches.append(Match(rows, how, title, keys, share))
+                rank = not how.startswith("number "), share
+                last = [row_of[key] for key in keys]
+                matches.append(Match(rank, rows, how, title, last))
     if not matches:
         return None
-    best = max(matches, key=rank)
+    best = max(matches, key=lambda match: match.rank)
     for other in matches:
         differs = other.rows != best.rows
-        if rank(other) == rank(best) and differs.any():
+        if other.rank == best.rank and differs.any():
             ways = [f"by {one.title} and the {one.how}" for one in (best, other)]
             sentence = f"which pose has {names[differs.argmax()]}: {' or '.join(ways)}?"
             hint = "Rename the profiles' files, or --pose-columns: _ for other columns"
@@ -142,13 +135,11 @@ def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
 
 def check_none_is_twice(poses: Part, names: list[str], match: Match) -> None:
     """Raise ScanError where two poses have the label of a profile."""
-    last_of = {key: row for row, key in enumerate(match.keys)}
-    profile_of = dict(zip(match.rows, names, strict=True))
-    for row, key in enumerate(match.keys):
-        last = last_of[key]
-        if row < last and last in profile_of:
+    for row, last in enumerate(match.last):
+        if row < last and last in match.rows:
             one, other = poses.block.table.index[[row, last]]
-            sentence = f"two poses have the {match.title} of profile {profile_of[last]}"
+            profile = names[[*match.rows].index(last)]
+            sentence = f"two poses have the {match.title} of profile {profile}"
             place = f"{poses.path} lines {one} and {other}"
             raise ScanError(f"{place}: {sentence}; leave one out")
 

@@ -61,7 +61,7 @@ def one_or_ask(place: Any, names: Sequence[str], what: str, option: str) -> str:
     if not names:
         raise ScanError(f"{place}: no file {what}; --{option} FILES says which")
     if len(names) > 1:
-        several = " or ".join(names[:3]) + ", …" * (len(names) > 3)
+        several = " or ".join(names)
         raise Question(f"{place}: which {what}: {several}?", **{option: names[0]})
     return names[0]
 

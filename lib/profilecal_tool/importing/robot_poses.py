@@ -95,8 +95,8 @@ def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
     """Why there are no poses in a file."""
     if not blocks or any(block.having("joint") for block in blocks):
         return ScanError(f"{path}: no poses; joint angles are none: export Cartesian")
-    with_position = [block for block in blocks if has_position(block)]
-    likely = max(with_position or blocks, key=lambda block: len(block.table))
+    placed = [b for b in blocks if {*XYZ} <= {column.role for column in b.columns}]
+    likely = max(placed or blocks, key=lambda block: len(block.table))
     if said:
         titles = [title for title in said.split(",") if title.strip() != "_"]
         unknown = [title for title in titles if not column_titled(0, title).role]
@@ -104,11 +104,6 @@ def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
         hint = f"; not known: {listed(unknown)} ({KINDS})" if unknown else ""
         return ScanError(f"{path}: {sentence}{hint}")
     return question_on_columns(likely, "what are they?", likely.columns)
-
-
-def has_position(block: Block) -> bool:
-    """Whether columns are x, y and z."""
-    return len({column.role for column in block.columns}.intersection(XYZ)) == 3
 
 
 def question_on_columns(
@@ -164,8 +159,8 @@ def angle_of(poses: Part, layout: Layout) -> tuple[float, str]:
     elif doubt := doubt_of_angles(poses, units, layout):
         columns = poses.block.columns
         if not turn.sequence:  # most often they are no vector
-            own = {column.at for column in poses.columns.values()}
-            columns = [c._replace(role="") if c.at in own else c for c in columns]
+            own = poses.columns.values()
+            columns = [c._replace(role="") if c in own else c for c in columns]
         raise question_on_columns(poses.block, doubt, columns)
     scale, unit = scale_of(poses.path, units, usual, ANGLE_UNITS)
     return scale / ANGLE_UNITS[usual], f", {unit}"

@@ -233,9 +233,6 @@ def check_one_section(points: Part, profile: ndarray, layout: Layout) -> None:
             continue
         values = sorted(cells.dropna().unique())
         sentence = f"{block.path}: {column.name} is {values[0]} to {values[-1]}"
-        if is_y and block.table[x.at].nunique() < 2:
-            answer = f"{block.title(column.at)},{block.title(z.at)}"
-            raise Question(f"{sentence}, x always the same", columns=answer)
         one = min(values, key=abs) if is_y else values[0]
         hint = f" (all: --where '{column.name}=*')" if is_label else ""
         where = f"{column.name}={one}"
@@ -266,8 +263,9 @@ def in_mm(
     said = {layout.unit} if layout.unit else units or of_codes
     scale, unit = scale_of(path, said, "mm", LENGTH_UNITS)
     xz *= scale
-    low, high = np.nanmin(xz, axis=0).round(3), np.nanmax(xz, axis=0).round(3)
-    taken["columns"] += f": {low.tolist()} to {high.tolist()} mm"
+    low, high = np.nanmin(xz, axis=0), np.nanmax(xz, axis=0)
+    ends = f"{low.round(3).tolist()} to {high.round(3).tolist()}"
+    taken["columns"] += f": {ends} mm"
     taken["unit"] = unit
     words = listed(f"{code:.12g}" for code in codes) or "blank"
     taken["missing"] = f"{words}: {unseen.sum()} of {len(xz)} points"
@@ -277,7 +275,11 @@ def in_mm(
     if is_narrow or not 1 <= largest <= FARTHEST_MM:
         sentence = f"{width:.4g} mm wide, up to {largest:.4g} mm away"
         hint = "the unit, or a code for nothing seen (--missing)?"
-        likely = likely_unit(np.nanmax(np.abs(xz)) / scale)
+        unlike = {
+            unit: abs(np.log(largest / scale * mm / LIKELY_MM))
+            for unit, mm in LENGTH_UNITS.items()
+        }
+        likely = min(unlike, key=unlike.get)
         raise Question(f"{path}: {sentence}; is it {hint}", unit=likely)
     return xz
 
@@ -286,22 +288,9 @@ def codes_in(z: ndarray, said: float | None) -> list[float]:
     """What stands for nothing seen: a code that is known or said, or else zero where
     all other heights lie to one side.
     """
-    codes = [code for code in UNIT_OF_CODE if (z == code).any()]
-    if said is not None:
-        codes.append(said)
+    codes = [code for code in (*UNIT_OF_CODE, said) if (z == code).any()]
     seen = z[np.isfinite(z)]
     ends = seen.min(initial=1), seen.max(initial=-1)
     if 0 in ends and not codes:
         codes = [0.0]
     return codes
-
-
-def likely_unit(farthest: float) -> str:
-    """The unit in which a number is most like a scanner's distance."""
-
-    def how_unlike(unit: str) -> float:
-        """Of the largest number in a unit."""
-        farthest_mm = farthest * LENGTH_UNITS[unit]
-        return abs(np.log(farthest_mm / LIKELY_MM))
-
-    return min(LENGTH_UNITS, key=how_unlike)

@@ -1,7 +1,7 @@
 """Tables of delimited text: lines of as many fields that follow each other."""
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
@@ -77,12 +77,6 @@ def row_where_numbers_begin(rows: list[list[str]], decimal: str) -> int | None:
     return None
 
 
-def cells_of(lines: Iterable[bytes], between: bytes | None) -> list[list[str]]:
-    """The cells of lines, as text."""
-    rows = [line.strip(MARKS).split(between) for line in lines]
-    return [[c.decode(errors="ignore").strip(EDGES) for c in row] for row in rows]
-
-
 def titles_in(rows: list[list[str]]) -> list[str]:
     """The last row of words, or the one above it with the units that it says."""
     rows = [row for row in rows if any(row)]
@@ -109,7 +103,9 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     known, after = [], 0  # titles above, and where their table ends
     for begin, end, place in runs_of_lines(path, content, between):
         stream.seek(place)
-        rows = cells_of(islice(stream, min(end - begin, HEAD)), between)
+        lines = islice(stream, min(end - begin, HEAD))
+        rows = [line.strip(MARKS).split(between) for line in lines]
+        rows = [[c.decode(errors="ignore").strip(EDGES) for c in row] for row in rows]
         first = row_where_numbers_begin(rows, decimal)
         if first is None:
             continue

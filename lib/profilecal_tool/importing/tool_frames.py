@@ -1,7 +1,7 @@
 """Tools and bases that programs declare: taken off poses, named, or asked about."""
 
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -28,32 +28,19 @@ def said_in_program(
     return rows
 
 
-class Frame(NamedTuple):
-    """A tool's frame, as it stands in a file."""
+def of_one_frame(
+    poses: Part, beside: Iterable[Block], which: str, layout: Layout
+) -> tuple[Part, str]:
+    """The poses that have one tool or base, as programs and columns say, and its name,
+    "" if none is known.
 
-    name: str
-    numbers: tuple[float, ...]  # x, y, z, and the orientation
-
-
-def uses_of(poses: Part, beside: Iterable[Block], which: str) -> list[tuple[str, str]]:
-    """The names of poses, "" where a line says none, and of the tools or bases that
-    they have, as programs and columns say.
+    Raises Question where they have several.
     """
     rows = said_in_program(poses, beside, "uses")
     uses = [(row.get("name", ""), row.get(which, "")) for row in rows]
     for column in poses.block.having(which):
         uses += [("", label_of(cell)) for cell in poses.block.table[column.at]]
-    return [(name, used.lower().partition("[")[0]) for name, used in uses if used]
-
-
-def of_one_frame(
-    poses: Part, beside: Iterable[Block], which: str, layout: Layout
-) -> tuple[Part, str]:
-    """The poses that have one tool or base, and its name, "" if none is known.
-
-    Raises Question where they have several.
-    """
-    uses = uses_of(poses, beside, which)
+    uses = [(name, used.lower().partition("[")[0]) for name, used in uses if used]
     option, _, said = layout.where.lower().partition("=")
     if option == which:
         others = {name for name, used in uses if used != said}
@@ -83,9 +70,8 @@ def of_one_tool(
     if layout.tool:
         tool, words = layout.tool, "the one given, taken off"
     elif used not in WORDS["no_frame"]:
-        frame = frame_called(used, poses, frames_of_tools(poses, beside, used))
-        if frame:
-            tool = frame.numbers
+        tool = frame_of_tool(poses, beside, used)
+        if tool:
             words = f"{used or 'one'} at {[*tool[:3]]}, taken off"
     if base not in {"", *WORDS["no_frame"]}:
         words += f"; in base {base}, not taken off"
@@ -93,8 +79,12 @@ def of_one_tool(
     return poses, tool
 
 
-def frames_of_tools(poses: Part, beside: Iterable[Block], used: str) -> set[Frame]:
-    """The tools' frames that files say, in the convention of the poses."""
+def frame_of_tool(
+    poses: Part, beside: Iterable[Block], used: str
+) -> Sequence[float] | None:
+    """The frame of the tool that poses have, as files say it, in the convention of the
+    poses; None where there are no tools. Raises Question.
+    """
     maker = ROBOTS.get(poses.block.robot)
     kind = maker.tools_in if maker and used else "tool"
     rows = said_in_program(poses, beside, kind)
@@ -102,32 +92,28 @@ def frames_of_tools(poses: Part, beside: Iterable[Block], used: str) -> set[Fram
     if offset := poses.block.poses.get("tcp_offset"):
         numbers = offset.numbers(columns).tolist()
         rows = [dict(zip(columns, row, strict=True)) for row in numbers]
+    frames, declared = set(), set()
     with naming(f"{poses.path}: tool"):
-        return {
-            Frame(row.get("name", "").lower(), tuple(float(row[c]) for c in columns))
-            for row in rows
-        }
-
-
-def frame_called(used: str, poses: Part, frames: Iterable[Frame]) -> Frame | None:
-    """The frame of the tool that poses have; None where there are no tools.
-
-    Raises Question.
-    """
-    own = [frame for frame in frames if frame.name == used]
-    declared = sorted({frame.name for frame in frames if any(frame.numbers[:3])})
-    if len(own) == 1:
-        return own[0]
-    if used or own:
+        for row in rows:
+            name = row.get("name", "").lower()
+            numbers = tuple(float(row[column]) for column in columns)
+            if name == used:
+                frames.add(numbers)
+            if any(numbers[:3]):
+                declared.add(name)
+    if len(frames) == 1:
+        return frames.pop()
+    if used or frames:
         which = f"tool {used}" if used else "a tool"
-        has = f"{len(own)} frames are" if own else "frame is not"
+        has = f"{len(frames)} frames are" if frames else "frame is not"
         sentence = f"poses are of {which}, whose {has} here; mm, and angles?"
         raise Question(f"{poses.path}: {sentence}", tool=TO_FILL_IN)
     if declared:
-        name = declared[0] if len(declared) == 1 else "NAME"
-        sentence = f"tool {' or '.join(declared)} is declared, and no line uses it"
+        names = " or ".join(sorted(declared))
+        answer = names if len(declared) == 1 else "NAME"
+        sentence = f"tool {names} is declared, and no line uses it"
         hint = "are poses of it? (--tool 0 0 0 0 0 0: of the flange)"
-        raise Question(f"{poses.path}: {sentence}; {hint}", where=f"tool={name}")
+        raise Question(f"{poses.path}: {sentence}; {hint}", where=f"tool={answer}")
     return None
 
 
