@@ -82,7 +82,6 @@ class Scan:
     side: Any = 0
     # (P,) numbers from 0, one for each orientation; left out, found from R_base_flange
     group: Any = None
-    group_given: bool = False  # whether somebody stated the groups
     # standard deviations that are known: entries of [noise] in scan.toml
     noise: Mapping[str, float] = field(default_factory=dict)
     mount: str = MOUNTS[0]  # "eye-in-hand" or "eye-to-hand"
@@ -242,7 +241,6 @@ class Scan:
             sizes=tuple(float(lengths[name]) for name in known),
             side=side,
             group=group,
-            group_given=group is not None,
             noise={} if noise is None else noise,
             mount=mount,
             title=title,
@@ -300,7 +298,7 @@ class Scan:
         """All that is of poses, an entry for each. Raises ValueError for what is none.
 
         In motion the log gives the poses, and sweeps the groups: orientations as they
-        were read and whether groups were stated are dropped.
+        were read are dropped.
         """
         P = len(self.values)
         times = np.full(P, np.nan)
@@ -314,10 +312,10 @@ class Scan:
             )
         labels, group = self.labels, self.group
         R, p = self.R_base_flange, self.p_base_flange
-        orientation, group_given = self.orientation, self.group_given
+        orientation = self.orientation
         if self.log:
             labels, R, p, group = self._with_motion(self.log, times)
-            orientation, group_given = None, False
+            orientation = None
         R = check_rotations("T_base_flange", R, P)
         p = check_positions("T_base_flange", p, P)
         if len(labels) != P:
@@ -329,8 +327,8 @@ class Scan:
         group = groups_of(group, R)
         if group.shape != (P,):
             raise ValueError(f"group has shape {group.shape}; expected ({P},)")
-        if group_given:
-            check_alike("R_base_flange", R, group)
+        still = np.isnan(times)
+        check_alike("R_base_flange", R[still], group[still])
         side = np.asarray(self.side)
         if side.shape not in ((), (P,)) or not np.isin(side, (-1, 0, 1)).all():
             raise ValueError(f"side is {self.side}; expected 1, -1 or 0, for each pose")
@@ -341,7 +339,6 @@ class Scan:
             "values": tuple(map(read_only, self.values)),
             "orientation": orientation,
             "group": group,
-            "group_given": group_given,
             "times": read_only(times),
             "sweeps": self.sweeps or ("",) * P,
             "side": np.broadcast_to(side, P).astype(float),
@@ -403,7 +400,7 @@ class Scan:
         if self.log is None:
             return self
         posed = replace(self, delay_ms=delay_ms)
-        return replace(posed, log=None, sweeps=())
+        return replace(posed, log=None, sweeps=(), group=None)
 
     @property
     def T_base_flange(self) -> ndarray:
@@ -437,7 +434,7 @@ class Scan:
 
 def groups_of(group: Any, R: ndarray) -> ndarray:
     """Numbers from 0 of groups that are given, or else of those of orientations."""
-    if group is None or not np.size(group):
+    if group is None:
         return rotation_groups(R)
     return np.unique(group, return_inverse=True)[1]
 
