@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy import ndarray
-from scipy.optimize import brute
+from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from profilecal.calibration.observe import Seen, as_observations
@@ -151,11 +151,15 @@ def other_rotations(scan: Scan) -> Iterator[tuple[str, Rotation]]:
 def with_best_lengths(stated: Observations) -> Observations:
     """With the target's lengths as they fit best, a quarter to four times as long."""
 
-    def times(log_ratio: ndarray) -> Observations:
-        ratio = 2 ** log_ratio.item()
-        return replace(stated, sizes=tuple(ratio * mm for mm in stated.sizes))
+    def times(log_ratio: float) -> Observations:
+        return replace(stated, sizes=tuple(2**log_ratio * mm for mm in stated.sizes))
 
-    def rms_mm(log_ratio: ndarray) -> float:
-        return misfit(times(log_ratio))[0]
+    def square(log_ratio: float) -> float:
+        """That of the misfit is a parabola near the best length."""
+        return misfit(times(log_ratio))[0] ** 2
 
-    return times(brute(rms_mm, (slice(-2, 2.1, 0.25),)))
+    rough = min(np.arange(-2, 2.1, 0.5), key=square)
+    # an interval whose golden section, which is looked at first, is the rough one
+    bounds = rough - 0.5, rough + 0.81
+    best = minimize_scalar(square, bounds=bounds, options={"xatol": 0.004})
+    return times(best.x)
