@@ -34,9 +34,8 @@ def matlab_arrays(path: Path) -> dict[str, ndarray]:
     content = loadmat(path, appendmat=False, squeeze_me=True)
     for name, cells in content.items():
         if name[0] != "_":
-            array = np.asarray(cells)
-            is_stack = array.ndim == 3
-            arrays[name] = np.moveaxis(array, -1, 0) if is_stack else array
+            is_stack = np.ndim(cells) == 3
+            arrays[name] = np.moveaxis(cells, -1, 0) if is_stack else cells
     return arrays
 
 

@@ -62,7 +62,7 @@ def import_scan(
     profiles = profiles.at(order)
     check_one_profile_a_pose(folder, rows, profiles.names, layout)
     labels = counted(len(rows)) if pairing.times else profiles.names
-    entries = pose_entries(poses.at(rows), labels, layout, taken)
+    entries = pose_entries(poses.at(rows), labels, taken)
     if tool is not None:
         entries = entries_of_flange(entries, poses, tool, layout)
     if pairing.times:
@@ -107,13 +107,12 @@ def read_folder(
 
 def check_where(folder: Path, blocks: list[Block], where: str) -> None:
     """Raise ScanError where the column of the rows wanted is in no table."""
-    columns = {"tool", "base"}
-    for block in blocks:
-        for column in block.others:
-            columns |= {column.name, column.role}
-    if where and where.lower().partition("=")[0] not in columns:
-        names = listed(sorted(columns - {""}))
-        raise ScanError(f"{folder}: no rows where {where}; the columns are {names}")
+    columns = [column for block in blocks for column in block.others]
+    names = {name for column in columns for name in (column.name, column.role)}
+    names |= {"tool", "base"}
+    if where and where.lower().partition("=")[0] not in names:
+        known = listed(sorted(names - {""}))
+        raise ScanError(f"{folder}: no rows where {where}; the columns are {known}")
 
 
 def families_in(folder: Path, layout: Layout) -> dict[str, Files]:

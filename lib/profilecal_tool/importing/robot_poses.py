@@ -145,7 +145,7 @@ def length_of(poses: Part) -> tuple[float, str]:
     return scale_of(poses.path, poses.units("xyz"), usual, LENGTH_UNITS)
 
 
-def angle_of(poses: Part, layout: Layout) -> tuple[float, str]:
+def angle_of(poses: Part) -> tuple[float, str]:
     """The unit of angles, in that of their convention, and its name.
 
     Raises Question where it may be another.
@@ -156,7 +156,7 @@ def angle_of(poses: Part, layout: Layout) -> tuple[float, str]:
     usual, units = "deg" if turn.sequence else "rad", poses.units(turn.columns)
     if robot:
         units = {robot.angle} - {""}
-    elif doubt := doubt_of_angles(poses, units, layout):
+    elif doubt := doubt_of_angles(poses, units):
         columns = poses.block.columns
         if not turn.sequence:  # most often they are no vector
             own = poses.columns.values()
@@ -166,10 +166,10 @@ def angle_of(poses: Part, layout: Layout) -> tuple[float, str]:
     return scale / ANGLE_UNITS[usual], f", {unit}"
 
 
-def doubt_of_angles(poses: Part, units: set[str], layout: Layout) -> str:
+def doubt_of_angles(poses: Part, units: set[str]) -> str:
     """What speaks against angles in degrees, or a vector in radians; "" for nothing."""
     is_vector = not poses.convention.sequence
-    if is_vector and not layout.pose_columns and units - {"rad"}:
+    if is_vector and units - {"rad"}:
         return f"are they a vector in {listed(units)}?"
     if units:
         return ""
@@ -181,7 +181,7 @@ def doubt_of_angles(poses: Part, units: set[str], layout: Layout) -> str:
 
 
 def pose_entries(
-    poses: Part, labels: list[str], layout: Layout, taken: dict[str, str]
+    poses: Part, labels: list[str], taken: dict[str, str]
 ) -> dict[str, Any]:
     """Entries of a Scan; what was taken for granted goes to `taken`.
 
@@ -189,7 +189,7 @@ def pose_entries(
     """
     turn, positions = poses.convention, poses.numbers(XYZ)
     length, unit = length_of(poses)
-    angle, of_angle = angle_of(poses, layout)
+    angle, of_angle = angle_of(poses)
     angles = poses.numbers(turn.columns) * angle
     columns = dict(zip(XYZ, positions.T, strict=True))
     columns |= zip(turn.columns, angles.T, strict=True)

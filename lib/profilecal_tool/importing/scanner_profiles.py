@@ -51,7 +51,7 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     beside is repeated. Raises ScanError where x is nowhere.
     """
     x, z = block.having("x"), block.having("z")
-    if len(z) < FEWEST or layout.columns:
+    if len(z) < FEWEST:
         return block
     if block.having("axis"):
         raise ScanError(f"{block.path}: rows of x and of z in turn; export points")
@@ -225,7 +225,6 @@ def check_one_section(points: Part, profile: ndarray, layout: Layout) -> None:
         passes = (
             each["nunique"].max() < 2,
             column in (x, z),
-            is_y and column.owner != x.owner,
             is_label and not comes_back,  # it counts points
             is_label and layout.where == f"{column.name}=*",
         )
@@ -242,7 +241,7 @@ def check_one_section(points: Part, profile: ndarray, layout: Layout) -> None:
 def question_on_points(blocks: list[Block], said: str) -> Question:
     """Which columns are x and z; likely the last two of numbers that vary."""
     block = max(blocks, key=lambda block: len(block.table))
-    titles = said.split(",") if said else []
+    titles = filter(None, said.split(","))
     unknown = [title for title in titles if not columns_called(block, title)]
     numeric = block.table.select_dtypes("number")
     varied = [str(at + 1) for at in numeric if numeric[at].nunique() > 1]

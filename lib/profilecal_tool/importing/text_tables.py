@@ -40,28 +40,27 @@ def dialect(text: str) -> tuple[str | None, str]:
 
 def runs_of_lines(
     path: Path, content: bytes, between: bytes | None
-) -> list[tuple[int, int, int]]:
+) -> Iterator[tuple[int, int, int]]:
     """The first line, the end, and the place of runs of lines of as many fields, of
     which a blank line has none, nor a remark below numbers, which is no title.
     """
-
-    def measured() -> Iterator[tuple[int, int]]:
-        at_top = True
-        for line in watched(BytesIO(content), f"reading {path.name}", count):
-            cells = line.strip(MARKS)
-            if line[0] not in b"#%":
-                at_top = at_top and not re.search(rb"\d", cells)
-            elif not at_top:
-                cells = b""
-            yield len(line), len(cells.split(between)) if cells else 0
-
-    count = content.count(b"\n")
-    lengths, fields = np.fromiter(measured(), np.dtype((np.int32, 2))).T
-    begins = np.flatnonzero(np.diff(fields, prepend=0))
-    places = (np.cumsum(lengths) - lengths)[begins]
-    ends = [*begins, len(fields)][1:]
-    runs = zip(begins, ends, places, strict=True)
-    return [run for run in runs if fields[run[0]]]
+    at_top, count = True, content.count(b"\n")
+    begin = end = start = place = fields = 0
+    for line in watched(BytesIO(content), f"reading {path.name}", count):
+        cells = line.strip(MARKS)
+        if line[0] not in b"#%":
+            at_top = at_top and not re.search(rb"\d", cells)
+        elif not at_top:
+            cells = b""
+        own = len(cells.split(between)) if cells else 0
+        if own != fields:
+            if fields:
+                yield begin, end, start
+            begin, start, fields = end, place, own
+        end += 1
+        place += len(line)
+    if fields:
+        yield begin, end, start
 
 
 def row_where_numbers_begin(rows: list[list[str]], decimal: str) -> int | None:
@@ -79,7 +78,6 @@ def row_where_numbers_begin(rows: list[list[str]], decimal: str) -> int | None:
 
 def titles_in(rows: list[list[str]]) -> list[str]:
     """The last row of words, or the one above it with the units that it says."""
-    rows = [row for row in rows if any(row)]
     if len(rows) < 2:
         return rows[0] if rows else []
     *_, above, last = rows
@@ -110,7 +108,7 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         if first is None:
             continue
         count, titles = len(rows[0]), titles_in(rows[:first])
-        if known and not titles and begin == after and count != len(known):
+        if known and not titles and begin == after:
             found = f"{count} fields; expected {len(known)}, as above"
             raise ScanError(f"{path} line {begin + 1}: {found}")
         if not titles and count == len(known):
@@ -127,8 +125,8 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
 
 def numbers_below(stream: BytesIO, titles: list[str], **options: Any) -> DataFrame:
     """The rows below titles, with labels as text: 1.10 is not 1.1."""
-    columns = [column_titled(*one) for one in enumerate(titles)]
-    labels = [column.at for column in columns if column.role == "label"]
+    roles = [column_titled(*one).role for one in enumerate(titles)]
+    labels = [at for at, role in enumerate(roles) if role == "label"]
     options["sep"] = options["sep"] or r"\s+"
     dtype = dict.fromkeys(labels, str)
     return read_csv(stream, names=range(len(titles)), dtype=dtype, **options, **OPTIONS)

@@ -121,7 +121,7 @@ def entries_of_flange(
     entries: dict[str, Any], poses: Part, tool: Sequence[float], layout: Layout
 ) -> dict[str, Any]:
     """Entries of a Scan with the flange's poses in place of the tool's (3 + k,)."""
-    turn, (angle, _) = poses.convention, angle_of(poses, layout)
+    turn, (angle, _) = poses.convention, angle_of(poses)
     length = 1.0 if layout.tool else length_of(poses)[0]
     if layout.tool and len(turn.columns) != 3:
         turn, angle = named("FANUC angles"), 1.0
