@@ -35,7 +35,7 @@ def matlab_arrays(path: Path) -> dict[str, ndarray]:
     for name, cells in content.items():
         if name[0] != "_":
             is_stack = np.ndim(cells) == 3
-            arrays[name] = np.moveaxis(cells, -1, 0) if is_stack else cells
+            arrays[name] = np.moveaxis(cells, -1, 0) if is_stack else np.asarray(cells)
     return arrays
 
 

@@ -149,6 +149,9 @@ class Block:
         return [c for role in roles for c in self.others if c.role == role]
 
 
+Files = dict[Path, list[Block]]  # files, and the tables in each
+
+
 @dataclass(frozen=True)
 class Part:
     """What each row of a block is: a pose, or a point."""
@@ -207,9 +210,9 @@ def parts_called(parts: list[Part], entry: str, liked: str, what: str) -> list[P
 
 def has_constants(cells: DataFrame, roles: list[str]) -> bool:
     """Whether 0 and 1 stand in the columns whose roles they are, as in a matrix."""
-    at = [k for k, role in enumerate(roles) if role in ("0", "1")]
-    expected = [float(roles[k]) for k in at]
-    return (cells.iloc[:, at].dropna() == expected).all(axis=None)
+    expected = {k: int(role) for k, role in enumerate(roles) if role in ("0", "1")}
+    found = cells.iloc[:, [*expected]].dropna()
+    return (found == [*expected.values()]).all(axis=None)
 
 
 def is_of_other(name: str) -> bool:

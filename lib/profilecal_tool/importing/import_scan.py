@@ -16,7 +16,7 @@ from profilecal.scan.folder import NO_POSES, check_header, scan_of
 from profilecal.scan.motion import checked_log
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, listed, naming
-from profilecal_tool.importing.blocks import Block, Part, counted
+from profilecal_tool.importing.blocks import Block, Files, Part, counted
 from profilecal_tool.importing.pair_profiles import Times, pair_profiles
 from profilecal_tool.importing.questions import Layout, Question, one_or_ask
 from profilecal_tool.importing.read_file import is_known, tables_in_file
@@ -34,9 +34,6 @@ from profilecal_tool.importing.tool_frames import (
 )
 
 NOTHING_SAID = Layout()
-
-
-Files = dict[Path, list[Block]]  # files, and the tables in each
 
 
 def import_scan(
@@ -146,17 +143,14 @@ def files_matching(folder: Path, pattern: str) -> list[Path]:
 
 
 def with_rows_wanted(block: Block, where: str) -> Block:
-    """A block with the rows that are wanted, if it has the column. Raises ScanError."""
+    """A block with the rows that are wanted, if it has the column."""
     name, _, value = where.lower().partition("=")
     if not name or value == "*":
         return block
     for column in block.others:
         if name in (column.name, column.role):
             cells = block.table[column.at].astype(str)
-            is_wanted = cells.str.lower() == value
-            if not is_wanted.any():
-                raise ScanError(f"{block.path}: no rows where {where}")
-            block = replace(block, table=block.table[is_wanted])
+            block = replace(block, table=block.table[cells.str.lower() == value])
     return block
 
 
@@ -184,7 +178,7 @@ def which_hold_what(
     if not profiles and point_tables(first[pose], layout):
         profiles = [pose]
     if layout.profiles:
-        profiles = [layout.profiles]
+        return pose, layout.profiles
     return pose, one_or_ask(folder, profiles, "are the profiles", "profiles")
 
 

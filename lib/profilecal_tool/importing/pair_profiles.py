@@ -221,7 +221,11 @@ def paired_by_time(poses: Part, times: Times) -> Pairing | None:
     is_near = apart <= step
     if is_near.mean() < 0.5:
         return None
-    still = stands_still(poses, order[after - 1], order[after])
+    still = np.full(len(nearest), True)
+    for roles in ("xyz", poses.convention.columns):
+        values = poses.numbers(roles)[order]
+        steps = np.abs(values[after] - values[after - 1]).max(axis=1)
+        still &= steps < STILL * np.abs(values).max()
     if step <= A_MOMENT_S and still[is_near].mean() < 0.5:
         return Pairing(order, "by time, in motion", times._replace(log=t))
     how = "by time"
@@ -230,13 +234,3 @@ def paired_by_time(poses: Part, times: Times) -> Pairing | None:
     largest = apart[is_near].max(initial=0)
     rows = np.where(is_near, order[nearest], -1)
     return Pairing(rows, f"{how}, up to {largest:.2g} s apart")
-
-
-def stands_still(poses: Part, before: ndarray, after: ndarray) -> ndarray:
-    """Whether the poses in rows before and after a time are the same."""
-    still = np.full(len(before), True)
-    for roles in ("xyz", poses.convention.columns):
-        values = poses.numbers(roles)
-        steps = np.abs(values[after] - values[before]).max(axis=1)
-        still &= steps < STILL * np.abs(values).max()
-    return still

@@ -2,7 +2,7 @@
 
 import re
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Sequence
+from collections.abc import Collection
 from pathlib import Path
 
 from profilecal.scan.tables import ScanError, naming, text_of
@@ -56,7 +56,7 @@ def decoded_text(path: Path, encoding: str) -> str:
     return text_of(path, encoding=max(known, key=known.get))
 
 
-def names_of(paths: Sequence[Path]) -> list[str]:
+def names_of(paths: Collection[Path]) -> list[str]:
     """What files are called; with their folders where these tell them apart."""
     names = [path.stem for path in paths]
     if len({*names}) == len(names):

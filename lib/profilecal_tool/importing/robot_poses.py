@@ -16,8 +16,8 @@ from profilecal_tool.importing.blocks import (
     XYZ,
     Block,
     Column,
+    Files,
     Part,
-    column_titled,
     counted,
     is_of_other,
     parts_called,
@@ -47,14 +47,15 @@ def poses_in(blocks: Iterable[Block], said: str) -> list[Part]:
         if is_matrix and (rows[3::4] == [0, 0, 0, 1]).all(axis=None):
             table = DataFrame(rows.to_numpy().reshape(-1, 16), rows.index[::4])
             block = replace(block, table=table, titles=counted(16))
-        if said and len(titles) != len(block.titles):
-            continue
-        block = replace(block, titles=titles) if said else block
+        if said:
+            if len(titles) != len(block.titles):
+                continue
+            block = replace(block, titles=titles)
         found += block.poses.values()
     return found
 
 
-def robot_poses(files: dict[Path, list[Block]], layout: Layout) -> Part:
+def robot_poses(files: Files, layout: Layout) -> Part:
     """The robot's poses in files. Raises ScanError; Question where it is uncertain."""
     parts = []
     for path, blocks in files.items():
@@ -71,9 +72,9 @@ def robot_poses(files: dict[Path, list[Block]], layout: Layout) -> Part:
             raise ScanError(f"{part.path}: columns {found}, where others differ")
     table = pandas.concat([part.block.table for part in parts])
     if len(files) > 1:
-        name_of = dict(zip(files, names_of([*files]), strict=True))
-        counts = [len(part.block.table) for part in parts]
-        table[len(titles)] = np.repeat([name_of[part.path] for part in parts], counts)
+        name_of = dict(zip(files, names_of(files), strict=True))
+        labels = [name_of[own.path] for own in parts for _ in own.block.table.index]
+        table[len(titles)] = labels
         titles = [*titles, "file"]
     return replace(first, block=replace(first.block, table=table, titles=titles))
 
@@ -97,13 +98,8 @@ def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
         return ScanError(f"{path}: no poses; joint angles are none: export Cartesian")
     placed = [b for b in blocks if {*XYZ} <= {column.role for column in b.columns}]
     likely = max(placed or blocks, key=lambda block: len(block.table))
-    if said:
-        titles = [title for title in said.split(",") if title.strip() != "_"]
-        unknown = [title for title in titles if not column_titled(0, title).role]
-        sentence = f"columns {listed(likely.titles)}; --pose-columns says {said}"
-        hint = f"; not known: {listed(unknown)} ({KINDS})" if unknown else ""
-        return ScanError(f"{path}: {sentence}{hint}")
-    return question_on_columns(likely, "what are they?", likely.columns)
+    sentence = f"--pose-columns says {said}" if said else "what are they?"
+    return question_on_columns(likely, sentence, likely.columns)
 
 
 def question_on_columns(
@@ -198,8 +194,8 @@ def pose_entries(
     beside = f", not {others}" if others else ""
     name = "poses" if poses.name in ("", "pose") else poses.name
     words = f"{len(labels)} {name}{beside} in {unit}{of_angle}"
-    ends = length * np.array([positions.min(axis=0), positions.max(axis=0)])
-    low, high = ends.round(1).tolist()
+    ends = np.array([positions.min(axis=0), positions.max(axis=0)])
+    low, high = (ends * length).round(1).tolist()
     taken["poses"] = f"{poses.path.name}: {words}: {low} to {high} mm"
     taken["pose_columns"] = f"{', '.join(poses.columns)}: {turn.meaning}"
     lines = [*poses.block.table.index]

@@ -15,6 +15,7 @@ from profilecal_tool.importing.blocks import (
     FEWEST,
     Block,
     Column,
+    Files,
     Part,
     column_titled,
     counted,
@@ -142,7 +143,7 @@ def point_tables(blocks: list[Block], layout: Layout) -> list[Part]:
 
 
 def read_profiles(
-    files: dict[Path, list[Block]], poses: int, layout: Layout, taken: dict[str, str]
+    files: Files, poses: int, layout: Layout, taken: dict[str, str]
 ) -> Profiles:
     """The profiles in files: one in each, or those of so many poses in one.
 
@@ -169,7 +170,7 @@ def read_profiles(
     units = {unit for part in parts for unit in part.units("xz")}
     points = in_mm(path, xz, units, layout, taken)
     values = np.split(points, np.cumsum(counts)[:-1])
-    return Profiles(names if is_alone else names_of([*files]), values)
+    return Profiles(names if is_alone else names_of(files), values)
 
 
 def profiles_of_tables(

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pandas import DataFrame, read_csv
@@ -78,15 +77,13 @@ def row_where_numbers_begin(rows: list[list[str]], decimal: str) -> int | None:
 
 def titles_in(rows: list[list[str]]) -> list[str]:
     """The last row of words, or the one above it with the units that it says."""
-    if len(rows) < 2:
-        return rows[0] if rows else []
-    *_, above, last = rows
-    units = [cell.strip("[]()") for cell in last]
-    is_unit = [unit.lower() in UNITS for unit in units]
-    if sum(is_unit) < 2:
-        return last
-    cells = zip(above, units, is_unit, strict=True)
-    return [f"{title} [{unit}]" if said else title for title, unit, said in cells]
+    if not rows:
+        return []
+    units = [cell.strip("[]()").lower() for cell in rows[-1]]
+    if len(rows) < 2 or sum(unit in UNITS for unit in units) < 2:
+        return rows[-1]
+    cells = zip(rows[-2], units, strict=True)
+    return [f"{title} [{unit}]" if unit in UNITS else title for title, unit in cells]
 
 
 def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
@@ -116,17 +113,17 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         if titles:
             known, after = titles, end
         stream.seek(place)
-        options = {"skiprows": first, "nrows": end - begin - first}
         titles = titles or counted(count)
-        table = numbers_below(stream, titles, sep=mark, decimal=decimal, **options)
+        options = {"sep": mark or r"\s+", "decimal": decimal}
+        options |= {"skiprows": first, "nrows": end - begin - first}
+        table = numbers_below(stream, titles, options)
         table.index += begin + first + 1
         yield Block(path, table, titles)
 
 
-def numbers_below(stream: BytesIO, titles: list[str], **options: Any) -> DataFrame:
+def numbers_below(stream: BytesIO, titles: list[str], options: dict) -> DataFrame:
     """The rows below titles, with labels as text: 1.10 is not 1.1."""
     roles = [column_titled(*one).role for one in enumerate(titles)]
     labels = [at for at, role in enumerate(roles) if role == "label"]
-    options["sep"] = options["sep"] or r"\s+"
     dtype = dict.fromkeys(labels, str)
     return read_csv(stream, names=range(len(titles)), dtype=dtype, **options, **OPTIONS)

@@ -453,7 +453,6 @@ def test_targets_are_taken_in_the_order_driven(tmp_path):
 SAID = {
     "no rows where y=0; the columns are .* x, z": {"where": "y=0"},
     "--pose-columns says x,y": {"pose_columns": "x,y"},
-    r"not known: rr \(w,p,r": {"pose_columns": "t,x,y,z,w,p,rr,_"},
     "x and z are one column": {"columns": "2,2"},
     "no Hoehe in columns x, z": {"columns": "x,Hoehe"},
 }
