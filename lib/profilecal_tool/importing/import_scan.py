@@ -126,9 +126,9 @@ def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
                 paths[path] = re.sub(r"\d+", "*", str(path.relative_to(folder)))
     families = {}
     for path, name in watched([*paths.items()], "reading"):
-        blocks = tables_in_file(path, layout.encoding)
-        blocks = [with_rows_wanted(block, layout.where) for block in blocks]
-        blocks = [with_a_point_a_row(block, layout) for block in blocks]
+        tables = tables_in_file(path, layout.encoding)
+        wanted = [with_rows_wanted(table, layout.where) for table in tables]
+        blocks = [with_a_point_a_row(block, layout) for block in wanted]
         families.setdefault(name, {})[path] = blocks
     return families
 

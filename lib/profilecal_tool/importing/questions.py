@@ -85,14 +85,13 @@ def write_imported(
 
     Raises ScanError.
     """
-    text = "# How these files were read. Edit, then: profilecal import DIR SCAN\n"
-    text += toml_text(said)
-    text += "".join(f"# {name}: {words}\n" for name, words in taken.items())
+    head = "# How these files were read. Edit, then: profilecal import DIR SCAN"
+    remarks = "".join(f"# {name}: {words}\n" for name, words in taken.items())
     again = (folder / FILE).is_file()
     place = folder.with_name(f"{folder.name}.new") if again else folder
     with new_folder(place) as partial:
         write_scan(scan, partial)
-        (partial / FILE).write_text(text, encoding="utf-8")
+        (partial / FILE).write_text(f"{head}\n{toml_text(said)}{remarks}", "utf-8")
         if again:
             keep_header(folder, partial)
     if again:

@@ -2,7 +2,7 @@
 
 import re
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from profilecal.scan.tables import ScanError, naming, text_of
@@ -20,16 +20,16 @@ LARGEST_PROGRAM = 2_000_000  # characters
 ENCODINGS = ("cp1252", "gb18030", "shift_jis", "big5", "cp949", "cp1251")
 
 
-def tables_in_file(path: Path, encoding: str) -> list[Block]:
+def tables_in_file(path: Path, encoding: str) -> Iterable[Block]:
     """The tables in a file. Raises ScanError."""
     suffix = path.suffix.lower()
     if suffix in SHEETS:
-        return [*sheet_blocks(path)]
+        return sheet_blocks(path)
     if suffix in BINARY:
-        return [*binary_blocks(path)]
+        return binary_blocks(path)
     text = decoded_text(path, encoding)
     if suffix in NESTED:
-        return [*nested_blocks(path, text)]
+        return nested_blocks(path, text)
     programs = [*program_blocks(path, text)] if len(text) < LARGEST_PROGRAM else []
     if any(block.kind != "uses" for block in programs):
         return programs

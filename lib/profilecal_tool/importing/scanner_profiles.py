@@ -150,6 +150,7 @@ def read_profiles(
     Raises ScanError.
     """
     is_alone = len(files) == 1
+    poses = poses if is_alone else 1
     names, counts, parts = [], [], []
     for path, blocks in files.items():
         tables = point_tables(blocks, layout)
@@ -158,8 +159,14 @@ def read_profiles(
         if len(tables) > 1 and tables[0].block.is_bare and not is_alone:
             sentence = f"{len(tables)} tables of points; expected one"
             raise ScanError(f"{path}: {sentence}: give titles, or no blank lines")
-        own, rows = profiles_of_tables(tables, poses if is_alone else 1, layout)
-        names += own
+        rows = []
+        for points in tables:
+            several = poses if len(tables) == 1 or poses == 1 else 0
+            profile, own = profile_of_each_row(points.block, several)
+            check_one_section(points, profile, layout)
+            each = np.bincount(profile)
+            names += own or [""] * len(each)
+            rows += [*each]
         counts += rows if is_alone else [sum(rows)]  # a table may go on
         parts += tables
     if not parts:
@@ -171,24 +178,6 @@ def read_profiles(
     points = in_mm(path, xz, units, layout, taken)
     values = np.split(points, np.cumsum(counts)[:-1])
     return Profiles(names if is_alone else names_of(files), values)
-
-
-def profiles_of_tables(
-    tables: list[Part], poses: int, layout: Layout
-) -> tuple[list[str], list[int]]:
-    """The names of a file's profiles, "" for none, and how many rows each has.
-
-    Raises Question.
-    """
-    names, counts = [], []
-    for points in tables:
-        several = poses if len(tables) == 1 or poses == 1 else 0
-        profile, own = profile_of_each_row(points.block, several)
-        check_one_section(points, profile, layout)
-        each = np.bincount(profile)
-        names += own or [""] * len(each)
-        counts += [*each]
-    return names, counts
 
 
 def profile_of_each_row(block: Block, poses: int) -> tuple[ndarray, list[str]]:
@@ -227,7 +216,7 @@ def check_one_section(points: Part, profile: ndarray, layout: Layout) -> None:
             each["nunique"].max() < 2,
             column in (x, z),
             is_label and not comes_back,  # it counts points
-            is_label and layout.where == f"{column.name}=*",
+            layout.where == f"{column.name}=*",
         )
         if any(passes):
             continue

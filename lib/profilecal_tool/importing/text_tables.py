@@ -7,7 +7,7 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from pandas import DataFrame, read_csv
+from pandas import read_csv
 
 from profilecal.geometry.progress import watched
 from profilecal.scan.tables import NOTHING, ScanError, cell_number
@@ -88,7 +88,8 @@ def titles_in(rows: list[list[str]]) -> list[str]:
 
 def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     """The tables of a text: runs of lines of as many fields, from where numbers begin.
-    What goes on without titles below a remark or blank lines has those above.
+    What goes on without titles below a remark or blank lines has those above. Labels
+    are text: 1.10 is not 1.1.
 
     Raises ScanError for a row of another length in a table with titles.
     """
@@ -114,16 +115,12 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
             known, after = titles, end
         stream.seek(place)
         titles = titles or counted(count)
-        options = {"sep": mark or r"\s+", "decimal": decimal}
+        roles = [column_titled(*one).role for one in enumerate(titles)]
+        labels = [at for at, role in enumerate(roles) if role == "label"]
+        options = {"dtype": dict.fromkeys(labels, str), "names": range(count)}
         options |= {"skiprows": first, "nrows": end - begin - first}
-        table = numbers_below(stream, titles, options)
+        table = read_csv(
+            stream, sep=mark or r"\s+", decimal=decimal, **options, **OPTIONS
+        )
         table.index += begin + first + 1
         yield Block(path, table, titles)
-
-
-def numbers_below(stream: BytesIO, titles: list[str], options: dict) -> DataFrame:
-    """The rows below titles, with labels as text: 1.10 is not 1.1."""
-    roles = [column_titled(*one).role for one in enumerate(titles)]
-    labels = [at for at, role in enumerate(roles) if role == "label"]
-    dtype = dict.fromkeys(labels, str)
-    return read_csv(stream, names=range(len(titles)), dtype=dtype, **options, **OPTIONS)
