@@ -179,11 +179,6 @@ def xml_log(folder):
     write_lines(folder / "pose_log.txt", lines)
 
 
-def nested(folder):
-    rows = [{"T": matrix.tolist()} for matrix in matrices_of_poses()]
-    (folder / "poses.json").write_text(json.dumps(rows))
-
-
 def samples():
     """Position and orientation of each pose, as ROS has them, m."""
     for x, y, z, qw, qx, qy, qz in poses("quaternion", 0.001).tolist():
@@ -439,7 +434,7 @@ def point_clouds(folder):
 
 POSES = (
     *(kuka, abb, ur, fanuc, yaskawa, kawasaki, staubli),
-    *(xml_log, nested, stamped, opencv, of_images, csv, tum, matrices, array),
+    *(xml_log, stamped, opencv, of_images, csv, tum, matrices, array),
     *(stacked_matrices, of_flange_and_tool, by_columns, named_arrays, matlab, workbook),
 )
 IN_A_BASE = (abb, staubli)
