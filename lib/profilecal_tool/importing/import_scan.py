@@ -87,7 +87,12 @@ def read_folder(
     of_poses, of_profiles = families[poses_called], families[profiles_called]
     every = ChainMap(*families.values())
     beside = [block for blocks in every.values() for block in blocks]
-    check_where(folder, beside, layout.where)
+    columns = [column for block in beside for column in block.others]
+    names = {name for column in columns for name in (column.name, column.role)}
+    names |= {"tool", "base"}
+    if layout.where and layout.where.lower().partition("=")[0] not in names:
+        known = f"the columns are {listed(sorted(names - {''}))}"
+        raise ScanError(f"{folder}: no rows where {layout.where}; {known}")
     programs = {block.path for block in beside if block.robot}
     unused = every.keys() - of_poses.keys() - of_profiles.keys() - programs
     taken["files left out"] = listed(sorted(path.name for path in unused)) or "none"
@@ -100,16 +105,6 @@ def read_folder(
     if is_one_table and sum(counts) == rows:  # the pose of each profile's first row
         poses = poses.at(np.cumsum([0, *counts[:-1]]))
     return poses, profiles, beside
-
-
-def check_where(folder: Path, blocks: list[Block], where: str) -> None:
-    """Raise ScanError where the column of the rows wanted is in no table."""
-    columns = [column for block in blocks for column in block.others]
-    names = {name for column in columns for name in (column.name, column.role)}
-    names |= {"tool", "base"}
-    if where and where.lower().partition("=")[0] not in names:
-        known = listed(sorted(names - {""}))
-        raise ScanError(f"{folder}: no rows where {where}; the columns are {known}")
 
 
 def families_in(folder: Path, layout: Layout) -> dict[str, Files]:

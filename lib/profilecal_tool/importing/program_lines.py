@@ -62,9 +62,15 @@ def matches_of(lines: Sequence[str], text: str) -> tuple[DataFrame, str]:
 
 
 def program_blocks(path: Path, text: str) -> Iterator[Block]:
-    """The tools, poses and uses in a program, of each maker that writes such lines."""
+    """The tools, poses and uses in a program but for its remarks, of each maker that
+    writes such lines.
+    """
     for maker, robot in ROBOTS.items():
-        rest = without_remarks(text, robot.remark)
+        rest = text
+        if robot.remark:
+            begin, *end = map(re.escape, robot.remark.split())
+            ends = rf"{end[0]}|\Z" if end else "$"
+            rest = blanked(rf"(?ms){begin}.*?({ends})", text)
         has_poses = robot.has in text
         kinds = ("base", "tool", "uses", "pose") if has_poses else ("tool",)
         for kind in kinds:
@@ -75,12 +81,3 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
                 titles = [*table.columns]
                 table = table.set_axis(range(len(titles)), axis=1)
                 yield Block(path, table, titles, maker, maker, kind)
-
-
-def without_remarks(text: str, remark: str) -> str:
-    """A text with blanks where its remarks stand."""
-    if not remark:
-        return text
-    begin, *end = map(re.escape, remark.split())
-    ends = rf"{end[0]}|\Z" if end else "$"
-    return blanked(rf"(?ms){begin}.*?({ends})", text)

@@ -64,7 +64,13 @@ def robot_poses(files: Files, layout: Layout) -> Part:
             raise question_on_file(path, blocks, layout.pose_columns)
         parts += parts_called(found, layout.entry, "flange", "is the robot's pose")
     first = parts[0]
-    check_of_robot(first, layout.entry)
+    if is_of_other(first.name) and not layout.entry:
+        sentence = f"poses are of {first.name}; are they the flange's?"
+        raise Question(f"{first.path}: {sentence}", entry=first.name)
+    called = f"{first.path.name} {first.name}".strip()
+    if any(word in called.lower() for word in WORDS["inverse"]):
+        sentence = f"{called} is called as the inverse of a pose"
+        raise ScanError(f"{first.path.parent}: {sentence}: invert it, or rename it")
     titles = first.block.titles
     for part in parts:
         if part.block.titles != titles:
@@ -77,19 +83,6 @@ def robot_poses(files: Files, layout: Layout) -> Part:
         table[len(titles)] = labels
         titles = [*titles, "file"]
     return replace(first, block=replace(first.block, table=table, titles=titles))
-
-
-def check_of_robot(poses: Part, entry: str) -> None:
-    """Raise Question where poses may be of something else than the robot, ScanError
-    where their name says that they are inverses.
-    """
-    if is_of_other(poses.name) and not entry:
-        sentence = f"poses are of {poses.name}; are they the flange's?"
-        raise Question(f"{poses.path}: {sentence}", entry=poses.name)
-    called = f"{poses.path.name} {poses.name}".strip()
-    if any(word in called.lower() for word in WORDS["inverse"]):
-        sentence = "is called as the inverse of a pose: invert it, or rename it"
-        raise ScanError(f"{poses.path.parent}: {called} {sentence}")
 
 
 def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:

@@ -73,25 +73,23 @@ def places_of(
     block: Block, x: list[Column], z: list[Column], layout: Layout
 ) -> ndarray:
     """Where along x the columns of heights are: in columns of their own, in titles, or
-    by a start and a pitch. Raises ScanError.
+    by a start and a pitch, said or in words where the file begins. Raises ScanError.
     """
     if len(x) == len(z):
         return block.numbers(x, blank=True)
     places = np.array([cell_number(block.titles[column.at]) for column in z])
     if np.isfinite(places).all() and not block.is_bare:
         return places
-    start, pitch = layout.x or x_above(block.path, layout.encoding)
+    start_and_pitch = layout.x
+    if not start_and_pitch:
+        begin = decoded_text(block.path, layout.encoding)[:BEGIN].lower()
+        found = [re.search(one, begin) for one in X_ABOVE]
+        if not all(found):
+            sentence = "z alone, and x nowhere: --x START PITCH says it; or give titles"
+            raise ScanError(f"{block.path}: {sentence}: x1, z1, x2, z2, …")
+        start_and_pitch = [float(match[1].replace(",", ".")) for match in found]
+    start, pitch = start_and_pitch
     return start + pitch * np.arange(len(z))
-
-
-def x_above(path: Path, encoding: str) -> list[float]:
-    """The start and the pitch of x in words where a file begins. Raises ScanError."""
-    begin = decoded_text(path, encoding)[:BEGIN].lower()
-    found = [re.search(one, begin) for one in X_ABOVE]
-    if not all(found):
-        sentence = "z alone, and x nowhere: --x START PITCH says it; or give titles"
-        raise ScanError(f"{path}: {sentence}: x1, z1, x2, z2, …")
-    return [float(match[1].replace(",", ".")) for match in found]
 
 
 def points_in(block: Block, said: str) -> Part | None:
