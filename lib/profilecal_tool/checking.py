@@ -97,12 +97,13 @@ def lines_on_poses(scan: Scan, showing: int) -> list[str]:
     )
     label = "groups" if scan.log else "orientations"
     alike = " of one orientation or sweep" if scan.log else ""
+    origin = "given" if scan.group_given else "found"
     lines = [
         f"target         {scan.description}",
         f"poses          {len(scan.labels)}, {scan.mount}, orientation as "
         f"{scan.convention}; {showing} show the target",
         f"positions      {reach.min():.0f} to {reach.max():.0f} mm from the base",
-        f"{label:<15}{scan.group.max() + 1}{alike}: {groups}",
+        f"{label:<15}{scan.group.max() + 1}{alike}, {origin}: {groups}",
         f"turns          {angles[0]:.1f}, {angles[1]:.1f}, {angles[2]:.1f}° rms about "
         f"three axes, most about {name_axis(axis, 'flange')}",
     ]

@@ -226,6 +226,7 @@ def check_poses(table: Table, scale: float, side: float = 0.0) -> dict[str, Any]
         "p_base_flange": positions,
         "side": sides,
         "group": groups if given else rotation_groups(rotations),
+        "group_given": given,
         "convention": convention.name,
         "orientation": block,
     }
@@ -399,9 +400,8 @@ def tables_of(scan: Scan) -> dict[str, dict[str, Any]]:
         poses = poses_columns(labels[still], R, p, convention.name)
         if scan.orientation is not None:  # as read: another convention may be meant
             poses |= zip(convention.columns, scan.orientation.T, strict=True)
-        group = scan.group[still]
-        if (group != rotation_groups(R)).any():  # those would be found anew
-            poses["group"] = group
+        if scan.group_given:
+            poses["group"] = scan.group[still]
         if np.any(scan.side[still]):
             poses["side"] = scan.side[still].astype(int)
         tables["poses"], keys["pose"] = poses, labels

@@ -82,6 +82,7 @@ class Scan:
     side: Any = 0
     # (P,) numbers from 0, one for each orientation; left out, found from R_base_flange
     group: Any = None
+    group_given: bool = False  # whether somebody stated the groups
     # standard deviations that are known: entries of [noise] in scan.toml
     noise: Mapping[str, float] = field(default_factory=dict)
     mount: str = MOUNTS[0]  # "eye-in-hand" or "eye-to-hand"
@@ -241,6 +242,7 @@ class Scan:
             sizes=tuple(float(lengths[name]) for name in known),
             side=side,
             group=group,
+            group_given=group is not None,
             noise={} if noise is None else noise,
             mount=mount,
             title=title,
@@ -298,7 +300,7 @@ class Scan:
         """All that is of poses, an entry for each. Raises ValueError for what is none.
 
         In motion the log gives the poses, and sweeps the groups: orientations as they
-        were read are dropped.
+        were read and whether groups were stated are dropped.
         """
         P = len(self.values)
         times = np.full(P, np.nan)
@@ -312,10 +314,10 @@ class Scan:
             )
         labels, group = self.labels, self.group
         R, p = self.R_base_flange, self.p_base_flange
-        orientation = self.orientation
+        orientation, group_given = self.orientation, self.group_given
         if self.log:
             labels, R, p, group = self._with_motion(self.log, times)
-            orientation = None
+            orientation, group_given = None, False
         R = check_rotations("T_base_flange", R, P)
         p = check_positions("T_base_flange", p, P)
         if len(labels) != P:
@@ -327,8 +329,8 @@ class Scan:
         group = groups_of(group, R)
         if group.shape != (P,):
             raise ValueError(f"group has shape {group.shape}; expected ({P},)")
-        still = np.isnan(times)
-        check_alike("R_base_flange", R[still], group[still])
+        if group_given:
+            check_alike("R_base_flange", R, group)
         side = np.asarray(self.side)
         if side.shape not in ((), (P,)) or not np.isin(side, (-1, 0, 1)).all():
             raise ValueError(f"side is {self.side}; expected 1, -1 or 0, for each pose")
@@ -339,6 +341,7 @@ class Scan:
             "values": tuple(map(read_only, self.values)),
             "orientation": orientation,
             "group": group,
+            "group_given": group_given,
             "times": read_only(times),
             "sweeps": self.sweeps or ("",) * P,
             "side": np.broadcast_to(side, P).astype(float),
@@ -400,7 +403,7 @@ class Scan:
         if self.log is None:
             return self
         posed = replace(self, delay_ms=delay_ms)
-        return replace(posed, log=None, sweeps=(), group=None)
+        return replace(posed, log=None, sweeps=())
 
     @property
     def T_base_flange(self) -> ndarray:
@@ -434,7 +437,7 @@ class Scan:
 
 def groups_of(group: Any, R: ndarray) -> ndarray:
     """Numbers from 0 of groups that are given, or else of those of orientations."""
-    if group is None:
+    if group is None or not np.size(group):
         return rotation_groups(R)
     return np.unique(group, return_inverse=True)[1]
 

@@ -87,6 +87,7 @@ def test_a_scan_written_is_read_back(folder, mount, convention, measured, kind):
         convention=convention,
         mount=mount,
         group=np.repeat(range(8), [2, 1] * 4) if mount == "eye-to-hand" else None,
+        group_given=mount == "eye-to-hand",
     )
     pc.write_scan(scan, folder)
     assert_same(pc.read_scan(folder), scan)

@@ -20,7 +20,10 @@ def wrong_entries(scan):
         r"values.3. has shape .1, 3.; expected .*2": {
             "values": (*scan.values[:3], np.ones((1, 3)), *scan.values[4:])
         },
-        "same label in group, by .*; expected one": {"group": np.zeros(12)},
+        "same label in group, by .*; expected one": {
+            "group": np.zeros(12),
+            "group_given": True,
+        },
         "labels has '' 1 times; expected names, each once": {
             "labels": ("", *scan.labels[1:])
         },
