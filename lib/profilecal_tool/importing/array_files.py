@@ -30,13 +30,10 @@ def matlab_arrays(path: Path) -> dict[str, ndarray]:
     """The arrays of MATLAB, whose stacks of matrices lie along the last axis."""
     from scipy.io import loadmat
 
-    arrays = {}
     content = loadmat(path, appendmat=False, squeeze_me=True)
-    for name, cells in content.items():
-        if name[0] != "_":
-            is_stack = np.ndim(cells) == 3
-            arrays[name] = np.moveaxis(cells, -1, 0) if is_stack else np.asarray(cells)
-    return arrays
+    arrays = {n: np.asarray(cells) for n, cells in content.items() if n[0] != "_"}
+    stacks = {n: np.moveaxis(a, -1, 0) for n, a in arrays.items() if a.ndim == 3}
+    return arrays | stacks
 
 
 def points_of_ply(path: Path) -> dict[str, ndarray]:

@@ -241,8 +241,12 @@ def in_mm(
     path: Path, xz: ndarray, units: set[str], layout: Layout, taken: dict[str, str]
 ) -> ndarray:
     """Points (n, 2) as mm, and NaN where nothing was seen. Raises ScanError."""
-    codes = codes_in(xz[:, 1], layout.missing)
-    unseen = np.isnan(xz).any(axis=1) | np.isin(xz[:, 1], codes)
+    z = xz[:, 1]
+    codes = [code for code in (*UNIT_OF_CODE, layout.missing) if (z == code).any()]
+    seen = z[np.isfinite(z)]
+    if not codes and 0 in (seen.min(initial=1), seen.max(initial=-1)):
+        codes = [0.0]  # where all other heights lie to one side
+    unseen = np.isnan(xz).any(axis=1) | np.isin(z, codes)
     xz[unseen] = np.nan
     if unseen.all():
         raise ScanError(f"{path}: nothing was seen in any profile")
@@ -269,15 +273,3 @@ def in_mm(
         likely = min(unlike, key=unlike.get)
         raise Question(f"{path}: {sentence}; is it {hint}", unit=likely)
     return xz
-
-
-def codes_in(z: ndarray, said: float | None) -> list[float]:
-    """What stands for nothing seen: a code that is known or said, or else zero where
-    all other heights lie to one side.
-    """
-    codes = [code for code in (*UNIT_OF_CODE, said) if (z == code).any()]
-    seen = z[np.isfinite(z)]
-    ends = seen.min(initial=1), seen.max(initial=-1)
-    if 0 in ends and not codes:
-        codes = [0.0]
-    return codes
