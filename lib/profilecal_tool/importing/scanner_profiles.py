@@ -220,6 +220,9 @@ def check_one_section(points: Part, profile: ndarray, layout: Layout) -> None:
             continue
         values = sorted(cells.dropna().unique())
         sentence = f"{block.path}: {column.name} is {values[0]} to {values[-1]}"
+        if is_y and block.table[x.at].nunique() < 2:
+            answer = f"{block.title(column.at)},{block.title(z.at)}"
+            raise Question(f"{sentence}, x always the same", columns=answer)
         one = min(values, key=abs) if is_y else values[0]
         hint = f" (all: --where '{column.name}=*')" if is_label else ""
         where = f"{column.name}={one}"

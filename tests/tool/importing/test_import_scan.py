@@ -172,6 +172,7 @@ ASKED = {
     "no columns": (*points_of("", "7"), "no x and z"),
     "frames": (*points_of("frame,x,z", "0", "1"), "(all: --where 'frame=*')"),
     "two scanners": (*points_of("sensor,x,z", "0", "1"), "sensor is 0 to 1"),
+    "along y": (*points_of("x,y,z", "0"), "x always the same"),
     "a cloud": (*points_of("y,x,z", "-2", "0", "2"), "y is -2 to 2"),
     "whole numbers": (*points_of("x,z", scale=1e5), "(--missing)"),
     "several of a pose": (
