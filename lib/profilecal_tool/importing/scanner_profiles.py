@@ -168,7 +168,8 @@ def read_profiles(
         counts += rows if is_alone else [sum(rows)]  # a table may go on
         parts += tables
     if not parts:
-        raise ScanError(f"{path}: no profiles in it")
+        where = f" where {layout.where}" if layout.where else ""
+        raise ScanError(f"{path}: no profiles in it{where}")
     block, columns = parts[0].block, parts[0].columns.values()
     taken["columns"] = ",".join(block.title(column.at) for column in columns)
     xz = np.concatenate([part.numbers("xz", blank=True) for part in parts])

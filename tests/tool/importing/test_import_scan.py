@@ -431,6 +431,7 @@ def test_targets_are_taken_in_the_order_driven(tmp_path):
 
 SAID = {
     "no rows where y=0; the columns are .* x, z": {"where": "y=0"},
+    "no profiles in it where x=7": {"where": "x=7"},
     "--pose-columns says x,y": {"pose_columns": "x,y"},
     "x and z are one column": {"columns": "2,2"},
     "no Hoehe in columns x, z": {"columns": "x,Hoehe"},
