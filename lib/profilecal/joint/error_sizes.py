@@ -36,6 +36,7 @@ NORMAL = ndtri((np.arange(40) + 0.5) / 40)
 START_SIZES = np.linspace(-2.5, 1.5, 6)  # where the search of the likeliest begins
 FARTHEST = 5.0  # the likeliest coordinates are sought up to here
 PROMISE = 1e-3  # of the log density: a step to the likeliest that is not looked at
+MOST_STEPS = 30  # to the likeliest coordinates
 STEP = 1e-4  # of coordinates, for the derivatives of variances
 FROM_DATA = 0.6  # coordinates that spread by less than this are known from the data
 
@@ -83,7 +84,7 @@ class Likeliest:
     # (d, d) of the inverse curvature there, the symmetric one: it does not depend on
     # the sign and the order that eigenvectors happen to have
     root: ndarray
-    posterior: Posterior  # a small step before
+    posterior: Posterior  # there, or a small step before
 
     @property
     def log_evidence(self) -> float:
@@ -106,7 +107,8 @@ def likeliest(model: LinearModel, law: Law, y: ndarray | None = None) -> Likelie
         ∂h/∂y = g v' - y        -∂²h/∂y² ≈ v' I v' + 1 - g v''
 
     Curvatures of less than a half of the prior's are taken for a half. Ends where a
-    step promises less than PROMISE of h; steps that do not raise h are halved.
+    step promises less than PROMISE of h; steps that lower h are halved. No step
+    changes a coordinate by more than 1.5.
     """
     if y is None:
         some = np.outer(START_SIZES, law.free > 0)
@@ -119,7 +121,7 @@ def likeliest(model: LinearModel, law: Law, y: ndarray | None = None) -> Likelie
         return log_density(posterior, y[None])[0], around[:, law.free], posterior
 
     h, around, posterior = look(y)
-    for _ in range(30):
+    for _ in range(MOST_STEPS):
         before, here, after = around
         slope = (after - before) / (2 * STEP)
         bend = (after - 2 * here + before) / STEP**2
@@ -132,12 +134,13 @@ def likeliest(model: LinearModel, law: Law, y: ndarray | None = None) -> Likelie
         step *= 1.5 / np.abs(step).max(initial=1.5)
         step = np.clip(y + step, -FARTHEST, FARTHEST) - y
         if uphill @ step / 2 < PROMISE:
+            y = y + step
             break
         while (there := look(y + step))[0] < h:
             step = step / 2
         y = y + step
         h, around, posterior = there
-    return Likeliest(y + step, vectors / np.sqrt(values) @ vectors.T, posterior)
+    return Likeliest(y, vectors / np.sqrt(values) @ vectors.T, posterior)
 
 
 def draw(

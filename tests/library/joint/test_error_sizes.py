@@ -76,6 +76,14 @@ def test_the_likeliest_sizes_are_those_that_scipy_finds():
     assert np.linalg.eigvalsh(likely.root).min() > 0
 
 
+def test_a_search_that_runs_out_of_steps_ends_where_it_looked_last(monkeypatch):
+    monkeypatch.setattr("profilecal.joint.error_sizes.MOST_STEPS", 1)
+    model = edge_model(1, groups=6, positions=4)
+    law = PRIOR.law(model.names)
+    likely = likeliest(model, law, np.zeros(len(law.free)))
+    assert_allclose(likely.posterior.v, law.variances(likely.y[None]))
+
+
 def test_draws_have_the_mean_and_the_sum_of_a_fine_grid():
     """Of one size. The sum is the evidence of the model, which stands beside that of
     others.
