@@ -327,10 +327,8 @@ class LinearModel:
         do not count: no residuals share anything.
         """
         other = copy(self)
-        products, _ = self.rest_of_kept
-        products = products + squares(self.rows.Z[None])[0]
-        other.rest_of_kept = products, int(self.counts[self.kept].sum())
         other.flange_errs = False
+        vars(other).pop("rest_of_kept", None)
         return other
 
     def Z(self, profiles: ndarray) -> ndarray:
@@ -367,8 +365,10 @@ class LinearModel:
         """
         products = np.zeros((self.m + self.n + 1,) * 2)
         products[self.m :, self.m :] = squares(self.rest[None, self.kept])[0]
-        others = self.q * self.rows.profiles.size
-        return products, int(self.counts[self.kept].sum()) - others
+        count = int(self.counts[self.kept].sum())
+        if not self.flange_errs:
+            return products + squares(self.rows.Z[None])[0], count
+        return products, count - self.q * self.rows.profiles.size
 
     def factors(self, v: ndarray) -> Factors:
         """C of the rows for variances v (S, 1 + k), without smooth errors."""
@@ -408,15 +408,18 @@ class LinearModel:
                 N[part] += factors.solve(self.rows.Z)[0]
                 log_det[part] += factors.log_det
 
-        products, H = N[0].copy(), N
+        products = N[0].copy()
+        H = N  # which is no longer needed
         s = np.sqrt(v[:, -1, None, None])
         H[:, :m] *= s
         H[:, :, :m] *= s
         H[:, m:-1, m:-1] += self.precision
-        diagonal = np.einsum("sii->si", H)
+        diagonal = np.einsum("sii->si", H)  # a view: what is written to it is H's
         diagonal[:, :m] += 1.0
         diagonal *= 1 + ROUNDING
         square = diagonal[:, -1].copy()
+        # the corner is raised, so that the factor exists; the rest of L does not depend
+        # on it
         diagonal[:, -1] += square + 1.0
         L = np.linalg.cholesky(H)
         square -= np.sum(L[:, -1, :-1] ** 2, axis=1)
