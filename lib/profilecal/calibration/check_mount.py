@@ -204,7 +204,7 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
         noise_mm = max(found.noise_mm, scan.noise.get("profile_mm", 0.0))
     observed = as_observations(scan, seen, seen.typical_mm)
     noise = replace(Noise(**joint.robot_errors), profile_mm=noise_mm)
-    problem = Problem([observed], noise, ALL_CONSIDERED, smooth=joint.smooth)
+    problem = Problem([observed], noise, ALL_CONSIDERED, known_smooth=joint.smooth)
     _, _, origin, axes = joint.targets[alike[0]]
     T, placement = found.pose[None], (np.array([origin]), np.array([axes]))
     state = State(T[:, :3, :3], T[:, :3, 3], (placement,))

@@ -36,7 +36,7 @@ def point_sd(
         check_rigid("T_base_flange", T.reshape(-1, 4, 4))
         R_flange, T_flange = T[..., :3, :3], T[..., :3, 3]
         q = carry(R, solution.translation, p)
-        to_hand = solution.problem.observations[0].eye_to_hand
+        to_hand = solution.problem.to_hand
         if to_hand:
             q = carry(R_flange.mT, np.zeros(3), q - T_flange)
             C = R_flange.mT @ C @ R_flange

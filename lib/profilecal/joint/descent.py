@@ -203,6 +203,7 @@ def few_groups(observations: Observations, count: int) -> Observations:
     """
     # poses of a selection, and of one group in it: few enough to be lucky
     most, most_of_group = 12, 3
+    # no caller's: the same observations always have the same answer
     rng = np.random.default_rng(0)
     group = observations.labels
     P = len(group)

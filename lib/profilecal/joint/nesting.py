@@ -42,7 +42,7 @@ class Nesting:
         profiles = profiles[np.argsort(self.holder[profiles], kind="stable")]
         holder = self.holder[profiles]
         groups = np.unique(holder).size
-        Q = min(most, -(-len(holder) // max(1, groups)))
+        Q = min(most, -(-len(holder) // max(1, groups)))  # the mean, rounded up
         place = np.arange(len(holder)) - np.searchsorted(holder, holder)
         firsts = np.flatnonzero(place % Q == 0)
         ends = np.append(firsts, len(holder))[1:, None]
@@ -57,6 +57,7 @@ def add_up(sums: ndarray, holders: ndarray, parts: ndarray) -> None:
     """
     if not holders.any():
         return
+    # where each holder stands first
     places = np.arange(len(holders))
     firsts = places[places == np.searchsorted(holders, holders)]
     if len(firsts) < len(holders):
@@ -72,6 +73,7 @@ def nesting(profiles: int, numbers: Sequence[ndarray]) -> Nesting:
     own, levels = [], []
     holder = np.zeros(profiles, dtype=int)
     total = 1
+    # the fewer groups a kind has, the coarser it is; errors of as many share one kind
     for count in np.unique(counts):
         kind = np.flatnonzero(counts == count)
         number = numbers[kind[0]]

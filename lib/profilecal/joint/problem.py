@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy import ndarray
 
+from profilecal.geometry.log import DELAY_S
 from profilecal.geometry.noise import SMOOTH, Noise, Systematic, chi2_limit
 from profilecal.geometry.observability import units_by_hand
 from profilecal.geometry.poses import carry, rotations
@@ -70,9 +71,10 @@ class Problem:
         systematic: Systematic | None = None,
         in_space: bool = False,
         mount: Mount | None = None,
-        smooth: Known | None = None,
+        known_smooth: Known | None = None,
     ) -> None:
         self.observations = list(observations)
+        self.to_hand = self.observations[0].eye_to_hand
         self.noise = noise
         self.mount = mount
         self.terms = [Residuals(one, noise, in_space) for one in self.observations]
@@ -97,8 +99,13 @@ class Problem:
         self.clock = None
         if DELAY in self.considered:
             self.clock = self.n + [*self.considered].index(DELAY)
-        # the middle of smooth errors, and what they move, where that is known
-        self.known_smooth = smooth
+        # middle and steps of smooth errors, if others say what they are
+        self.known_smooth = known_smooth
+
+    @property
+    def delay_is_open(self) -> bool:
+        """Whether something moved of whose delay nothing is known."""
+        return self.considered.get(DELAY) == DELAY_S
 
     @cached_property
     def groups(self) -> PoseGroups:
@@ -114,13 +121,12 @@ class Problem:
         seen = np.average(middles, axis=0, weights=[term.P for term in self.terms])
         ratio = np.radians(self.noise.accuracy_deg) / (self.noise.accuracy_mm or 1.0)
         sensor = state.rotation[0], state.translation[0]
-        to_hand = self.observations[0].eye_to_hand
-        where = (R, T), sensor, seen, ratio, to_hand
+        where = (R, T), sensor, seen, ratio, self.to_hand
         return smooth_errors(*where, self.known_smooth)
 
     def of(self, observations: Iterable[Observations]) -> "Problem":
         """The same problem of other observations of these targets."""
-        known = self.systematic, self.terms[0].in_space, self.mount
+        known = self.systematic, self.terms[0].in_space, self.mount, self.known_smooth
         return Problem(observations, self.noise, *known)
 
     def later(self, seconds: float) -> "Problem":

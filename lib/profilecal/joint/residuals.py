@@ -136,8 +136,9 @@ class Residuals:
         return o, a
 
     def middle(self, state: State, placement: tuple) -> ndarray:
-        """The middle (3,) of what all poses see, in the sensor's frame: of each pose's
-        points, put to where the target is, as in a ball's centre or a rod's axis.
+        """The middle (3,) of what all poses see, in the sensor's frame: the mean over
+        the poses of the middle of each one's points, moved to where the target is: to a
+        ball's centre, to a rod's axis.
         """
         in_sensor = self.target_in_sensor(state, placement)
         origin, axes = (np.array(part)[..., 0, 0, :] for part in in_sensor)

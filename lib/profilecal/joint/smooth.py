@@ -108,6 +108,8 @@ class SmoothErrors:
         ways = (positions(R, T, self.to_hand) - place) / REACH_MM
         turns = Rotation.from_matrix(rotation.T @ R, assume_valid=True).as_rotvec()
         of_turn = np.eye(3)[..., None] * turns[:, None, None]
+        # profile; shift or turn; axis of the sensor; the coefficient's kind, its axis,
+        # and the component of the way or turn that it multiplies
         errors = np.zeros((len(R), 2, 3, 3, 3, 3))
         errors[:, 0, :, 0] = axes[..., None] * ways[:, None, None]
         errors[:, 0, :, 1] = of_turn

@@ -48,12 +48,12 @@ class Solution:
         A flange that is shifted by s and turned by ψ takes the sensor, at a in the
         sensor's frame, along: ρ = s + ψ × a, φ = ψ. These are the rows of `lever`.
         """
-        # from the flange to the sensor, in the sensor's frame
-        arm = self.rotation.T @ self.translation
-        lever = shifting(arm * (not self.problem.observations[0].eye_to_hand))
         sizes = self.error_sizes
         if sizes.sizes[-1].name != SMOOTH:
             return self.covariance
+        # from the flange to the sensor, in the sensor's frame
+        arm = self.rotation.T @ self.translation
+        lever = shifting(arm * (not self.problem.to_hand))
         noise = self.problem.noise
         by_axis = np.repeat([1, np.radians(noise.accuracy_deg) / noise.accuracy_mm], 3)
         moved = np.hstack([lever * by_axis, self.smooth.steps[:6]])

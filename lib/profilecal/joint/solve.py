@@ -10,7 +10,6 @@ from numpy import ndarray
 from scipy.special import fdtri
 
 from profilecal.geometry.checks import UnobservableError
-from profilecal.geometry.log import DELAY_S
 from profilecal.geometry.noise import (
     ESTIMATED,
     FALSE_ALARM,
@@ -38,7 +37,7 @@ from profilecal.joint.descent import (
 )
 from profilecal.joint.error_sizes import ErrorSizes, average, likeliest
 from profilecal.joint.linear_model import LinearModel, Posterior
-from profilecal.joint.prior import DELAY, FINEST_MM, Prior, as_stated
+from profilecal.joint.prior import FINEST_MM, Prior, as_stated
 from profilecal.joint.problem import Fit, Problem
 from profilecal.joint.solution import Solution
 from profilecal.targets.observations import Observations, State
@@ -46,6 +45,7 @@ from profilecal.targets.observations import Observations, State
 LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake
 LARGEST_REJECTED = 1 / 3  # of the poses
 MANY = 0.1  # of the poses: so many that contradict a fit may all be right
+MOST_MISTAKES = 0.2  # of the poses that anyone makes
 UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
 ROUNDS = 10  # of estimates; one or two are usual
 
@@ -72,7 +72,7 @@ def solve(
     problem = Problem(observations, prior.scales, prior.systematic, mount=prior.mount)
     check_enough(problem)
 
-    if problem.considered.get(DELAY) == DELAY_S:
+    if problem.delay_is_open:
         problem = problem.later(delay.roughly(problem, starts))
     fits = least_squares(problem, search(problem, starts))
     others = fits.state
@@ -237,8 +237,7 @@ def leaves_little(problem: Problem, posterior: Posterior) -> bool:
     """Whether the step of all unknowns leaves little to the next one, compared with how
     well they are known.
 
-    That is such a part of this step as this step is of a radian, or of 100 mm: the
-    residuals are linear but for squares.
+    What is left is of second order: the step times its own `reach`.
     """
     (x,), variance = posterior.mean, np.diag(posterior.covariance[0])
     left = np.abs(x) * reach(posterior.mean)
@@ -271,14 +270,15 @@ def of_large_errors(
     scanner = 1.0
     if prior.profile_spread:
         scanner = np.maximum(1.0, problem.typical(problem.moments(state))[0])
+    # counted as usual, what is stated has the shorter tail
     for believed in (replace(prior, stated=frozenset()), prior):
         law = believed.law(model.names)
         (v,) = law.variances(np.full((1, len(law.free)), large))
         v[0] = scanner**2
-        now = np.eye(model.n + 1)[-1]
-        by_itself = chi2_of_each(model, now, model.Y[..., -1], model.own(v), v[0])
+        no_step = np.eye(model.n + 1)[-1]
+        by_itself = chi2_of_each(model, no_step, model.Y[..., -1], model.own(v), v[0])
         kept = belonging(problem, model, *by_itself)
-        if np.mean(~kept) <= 0.2:
+        if np.mean(~kept) <= MOST_MISTAKES:
             break
     return kept if model.counts[kept].sum() > problem.n else model.kept
 
@@ -308,9 +308,9 @@ def belonging(
 def chi2_of_each(
     model: LinearModel, x: ndarray, errors: ndarray, covariances: ndarray, v: float
 ) -> tuple[ndarray, ndarray]:
-    """χ² (profiles,) of the rows that speak of the flange, of these errors (profiles,
-    q) and covariances, and of the rest of the residuals after a step x (n + 1,), the
-    last of which is 1; v: the scanner's variance.
+    """Two χ² (profiles,) of each profile: of the rows that speak of the flange, whose
+    `errors` (profiles, q) have these `covariances`; and of the rest of its residuals
+    after a step x (n + 1,), whose last entry is 1, by the scanner's variance v.
     """
     of_flange = normalised_square(covariances, errors)
     # what is below zero is rounding
@@ -329,12 +329,11 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
     explain the residuals, how well it is known, and whether one of the `others` fits as
     well.
     """
-    problem, model = estimated.problem, estimated.model
+    model, error_sizes = estimated.model, estimated.error_sizes
+    problem, state = after_step(estimated.problem, estimated.state, error_sizes.mean)
     n = problem.n
-    error_sizes = estimated.error_sizes
     posterior = model.posterior(error_sizes.v[None])
     square = sum(chi2_left_out(model, posterior)) / np.maximum(model.counts, 1)
-    problem, state = after_step(problem, estimated.state, error_sizes.mean)
     chi2 = float(posterior.square[0])
     dof = max(int(model.counts[model.kept].sum()) - n, 1)
 
@@ -404,7 +403,7 @@ def enlargement_by_misfit(
 
 def frame_of(problem: Problem) -> str:
     """The frame that the sensor's pose is in."""
-    return "base" if problem.observations[0].eye_to_hand else "flange"
+    return "base" if problem.to_hand else "flange"
 
 
 def twin(

@@ -25,8 +25,8 @@ from profilecal.profiles.points import (
 )
 
 LEAST_ARC_POINTS = 20  # of a curve that must be seen
-# tolerances, rms, of an arc's points from its curve: two and a half times the noise, as
-# real scanners see a ball; two pieces of one line are nearer to it
+# tolerances, rms, of an arc's points from its curve, at most: two and a half times the
+# noise, as real scanners see a ball
 ON_CURVE = 0.5
 LARGEST_TILT_DEG = 60.0  # of the scan plane against square to a rod
 
@@ -256,9 +256,9 @@ def best_circle(points: ndarray, limit: float, largest: float) -> Section | None
     points between them, the one on which most points are for its size; None if no
     circle has enough of them.
 
-    None is larger than `largest`, mm, or smaller than a fifth of it. The three points
-    spread over a sixtieth of the profile to all of it, so that some see the arc alone,
-    without spikes.
+    No circle is larger than `largest`, mm, or smaller than a fifth of it. The three
+    points spread over a sixtieth of the profile to all of it, so that some see the arc
+    alone, without spikes.
     """
     k = len(points)
     spans = np.unique(np.geomspace(max(8, k // 60), k - 1, 7).astype(int))[:, None]
@@ -272,7 +272,7 @@ def best_circle(points: ndarray, limit: float, largest: float) -> Section | None
     few = points[:: max(1, k // 250)]
     off = cdist(circles[:, :2], few) - circles[:, 2:]
     count = np.count_nonzero(np.abs(off) < limit, axis=1)
-    # a line is as near to a circle over √radius of length
+    # a line stays near a circle over a length that grows as √radius
     best = (count / np.sqrt(circles[:, 2])).argmax()
     return section_of(circles[best]) if count[best] >= 10 else None
 

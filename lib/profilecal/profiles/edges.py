@@ -79,7 +79,7 @@ def corners(runs: list[Run], view: View) -> Iterator[Candidate]:
     the corner of a bar.
 
     The lines rest on points beyond the rounded tips of all corners; there is none where
-    these are too few. Beside a shallow one the next face passes for a run's own.
+    these are too few. At a shallow corner a run takes points of the next face.
     """
     faces: list[Run | None] = [*runs]
     joined = [k for k, pair in enumerate(pairwise(runs)) if form_corner(*pair)]
@@ -195,8 +195,7 @@ def step_ends(runs: list[Run], view: View) -> Iterator[Candidate]:
         for outwards in (run.reversed(), run):
             step = step_beyond(outwards, view)
             # no step counts where it is not known which way is farther away
-            leads_away = step is not None and step * view.depth_sign > 0
-            if not leads_away and step != 0:
+            if step is None or (step and step * view.depth_sign <= 0):
                 continue
             end = run_end(outwards)
             place = end.point[None]

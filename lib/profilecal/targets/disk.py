@@ -148,7 +148,8 @@ class Disk(Target):
         missed.
         """
         cy = in_sensor(rotation, self.centre - origin)[..., 1]
-        g = np.hypot(*np.moveaxis(self.normal @ rotation, -1, 0)[::2])
+        n = self.normal @ rotation
+        g = np.hypot(n[..., 0], n[..., 2])
         missed = np.abs(cy) > self.radius * g
         tips = super().meet(rotation, origin)
         return np.where(missed[..., None, None], np.nan, tips)

@@ -254,8 +254,8 @@ def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
 def first_alike(
     places: ndarray, within: float, alike: Callable[[ndarray, ndarray], ndarray]
 ) -> ndarray:
-    """Classes (n,) by number: everyone is in the class of the first one that it is
-    alike, or begins one.
+    """Classes (n,) by number: each place is in a class with the first one that it is
+    like, or begins one.
 
     Looked at are pairs of `places` (n, k) that are at most `within` apart; `alike(i,
     j)` says which of them are.

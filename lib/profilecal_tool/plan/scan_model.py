@@ -134,7 +134,8 @@ class ScanModel(Setup):
         `in_motion`: the log, times and group of poses that the robot goes through.
         """
         seen = replace(self.observed(R, T), **in_motion)
-        problem = Problem([seen], self.noise, self.systematic, smooth=self.smooth)
+        known = self.noise, self.systematic
+        problem = Problem([seen], *known, known_smooth=self.smooth)
         sizes = self.noise.of_robot
         if problem.clock is not None:
             sizes |= {"jitter_ms": self.noise.jitter_ms}
