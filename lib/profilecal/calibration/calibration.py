@@ -360,6 +360,7 @@ def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
         ],
         "robot_errors": robot_errors | {"steering_mm": solution.noise.steering_mm},
         "freedom": sizes.freedom,
+        "delay_s": solution.delay_s or 0.0,
         "noise_factor": solution.noise_mm / shown,
     }
 

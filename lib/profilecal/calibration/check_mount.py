@@ -205,6 +205,8 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     observed = as_observations(scan, seen, seen.typical_mm)
     noise = replace(Noise(**joint.robot_errors), profile_mm=noise_mm)
     problem = Problem([observed], noise, ALL_CONSIDERED, known_smooth=joint.smooth)
+    if scan.delay_ms is None:
+        problem = problem.later(joint.delay_s)
     _, _, origin, axes = joint.targets[alike[0]]
     T, placement = found.pose[None], (np.array([origin]), np.array([axes]))
     state = State(T[:, :3, :3], T[:, :3, 3], (placement,))
