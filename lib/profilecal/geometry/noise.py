@@ -98,6 +98,13 @@ def by_unit(name: str) -> ndarray:
     return np.repeat(UNITS[name.rsplit("_")[-1]], 3)
 
 
+def in_mm(name: str) -> float:
+    """By how much, mm, an entry of `Noise` that is one shifts what is 100 mm from the
+    flange; errors of time count nothing.
+    """
+    return float(by_unit(name)[::3] @ [1, 100])
+
+
 def chi2_limit(chance: float | ndarray, freedom: float | ndarray) -> Any:
     """What χ² of some degrees of freedom exceeds by a chance.
 

@@ -20,7 +20,7 @@ from numpy import ndarray
 from scipy.optimize import brentq
 from scipy.special import chdtrc, gammaln, ndtri, softmax
 
-from profilecal.geometry.noise import FALSE_ALARM, SMOOTH, chi2_limit
+from profilecal.geometry.noise import FALSE_ALARM, SMOOTH, chi2_limit, in_mm
 from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import Law, Prior
 from profilecal.targets.observations import Batch
@@ -257,9 +257,9 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     units = np.r_[prior.scales.profile_mm, np.ones(len(model.names))]
     sizes = sizes_of(beliefs, names, units)
     middles = np.array([size.middle for size in sizes]) / units
-    at_mm = [100 * np.radians(1) if name.endswith("deg") else 1 for name in names]
-    at_mm *= np.not_equal(names, SMOOTH)  # they are no fresh errors
-    together = draws.v @ (units * at_mm) ** 2
+    sizes_mm = units * [*map(in_mm, names)]
+    sizes_mm *= np.not_equal(names, SMOOTH)  # they are no fresh errors
+    together = draws.v @ sizes_mm**2
     # χ² of f degrees of freedom has the relative variance 2 / f
     relative = w @ (together / (w @ together) - 1) ** 2
     return ErrorSizes(
@@ -315,7 +315,8 @@ def of_scanners(model: LinearModel, law: Law, likely: Likeliest) -> Belief:
     """
     errors = np.eye(model.n)[model.scanner]
     whole = errors.sum(axis=0, keepdims=True)
-    poor = np.concatenate([0 * whole, errors, whole[: len(errors) > 1]])
+    all_poor = whole if len(errors) > 1 else whole[:0]
+    poor = np.concatenate([0 * whole, errors, all_poor])
     log_odds = np.log(np.where(poor.any(axis=1), POOR, 1.0))
     at_peak = log_odds + model.rescaled(likely.posterior, POORER**poor)[0][:, 0]
     best = poor[np.argmax(at_peak)]
@@ -323,6 +324,7 @@ def of_scanners(model: LinearModel, law: Law, likely: Likeliest) -> Belief:
         model = model.with_errors(POORER**best)
         likely = likeliest(model, law, likely.y)
     counts = at_peak > at_peak.max() + np.log(LITTLE)
+    # the evidence leaves out log |Π|: the larger errors' share of it
     poor, log_odds = poor[counts], log_odds[counts] - np.log(POORER) * best.sum()
     log_weight, y, posterior = draw(model, law, likely)
     gain, x, V = model.rescaled(posterior, POORER ** (poor - best))

@@ -20,7 +20,14 @@ from numpy import ndarray
 from scipy.special import ndtr, stdtrit
 
 from profilecal.geometry.log import DELAY_S
-from profilecal.geometry.noise import ESTIMATED, ROBOT, SMOOTH, Noise, Systematic
+from profilecal.geometry.noise import (
+    ESTIMATED,
+    ROBOT,
+    SMOOTH,
+    Noise,
+    Systematic,
+    in_mm,
+)
 from profilecal.geometry.poses import pose_error
 from profilecal.targets.observations import Observations
 from profilecal.targets.target import Target
@@ -108,7 +115,7 @@ class Prior:
         """
         sizes = [self.scales.profile_mm * (self.source != "residuals")]
         for name, size in self.scales.of_robot.items():
-            sizes.append(size if name.endswith("mm") else 100 * np.radians(size))
+            sizes.append(size * in_mm(name))
         return float(np.linalg.norm(sizes))
 
     @property

@@ -101,6 +101,18 @@ def test_what_an_answer_from_few_poses_leaves_open_is_allowed_for():
     assert 0.3 < np.mean(ratios) < 2
 
 
+def test_a_calibration_in_motion_predicts_sweeps_and_stops():
+    """With the delay that it found; jitter that it hardly knows hides no move."""
+    noise = {"profile_mm": 0.05, "group_position_mm": 0.05, "jitter_ms": 0.1}
+    sweeps = {"motion": {"sweeps": 12, "profiles": 20}}
+    found = pc.calibrate(scan_of("ball", seed=1, noise=noise, **sweeps))
+    for later in (sweeps, {}):
+        scan = scan_of("ball", seed=1, scan=2, noise=noise, **later)
+        assert pc.check_mount(found, scan).as_expected
+        shifted = moved_sensor(scan, [0.5, 0, 0])
+        assert not pc.check_mount(found, shifted).as_expected
+
+
 def test_points_are_judged_by_the_noise_that_they_state():
     """Fitted corners, of which the calibration is, err by far less."""
     plan = {"groups": 10, "positions": 3, "measured": "profiles"}

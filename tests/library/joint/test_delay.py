@@ -14,6 +14,8 @@ from simulated import error_of
 import profilecal as pc
 from profilecal.calibration.observe import observe_all
 from profilecal.geometry.noise import Noise, normalised_square
+from profilecal.joint.error_sizes import average, likeliest
+from profilecal.joint.prior import USUAL, Prior
 from profilecal.joint.problem import Problem
 from profilecal.simulation.spec import truth_of
 from profilecal.targets.observations import State
@@ -67,6 +69,16 @@ def test_the_derivative_by_the_delay_is_that_of_differences(kind, mount):
     scale = np.abs(by_time).max()
     assert scale > 20  # mm/s
     assert_allclose(z[0, problem.clock], by_time, atol=1e-4 * scale)
+
+
+def test_jitter_that_is_not_known_leaves_the_errors_of_places_known():
+    scan, _ = driven()
+    problem, state = problem_of(scan)
+    model = problem.model(state, ["jitter_ms"])
+    prior = Prior(replace(USUAL, profile_mm=0.05))
+    sizes = average(model, prior, likeliest(model, prior.law(model.names)))
+    assert sizes.sizes[1].low < sizes.sizes[1].high
+    assert sizes.freedom == 1000
 
 
 @pytest.mark.parametrize(
