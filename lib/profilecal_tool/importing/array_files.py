@@ -53,21 +53,19 @@ def numpy_arrays(path: Path) -> dict[str, ndarray]:
 
 def array_blocks(path: Path, arrays: Mapping[str, ndarray]) -> Iterator[Block]:
     """Arrays as tables: those of as many rows are one; points of profiles, another."""
-    alike = defaultdict(dict)
+    alike, names = defaultdict(dict), defaultdict(list)
     for name, array in arrays.items():
         if array.ndim and array.size:
             array = array.astype(array.dtype.newbyteorder("="), copy=False)
             columns = columns_of(name, array)
             rows = len(next(iter(columns.values())))
-            alike[rows][name] = columns
-    for rows, members in alike.items():
-        columns = {}
-        for own in members.values():
-            columns |= own
+            alike[rows] |= columns
+            names[rows].append(name)
+    for rows, columns in alike.items():
         cells = dict(enumerate(columns.values()))
         table = DataFrame(cells, range(1, rows + 1), copy=False)
-        name = min(members) if len(members) == 1 else ""
-        yield Block(path, table, [*columns], name=name)
+        name, *others = names[rows]
+        yield Block(path, table, [*columns], name="" if others else name)
 
 
 def columns_of(name: str, array: ndarray) -> dict[str, ndarray]:
@@ -82,7 +80,7 @@ def columns_of(name: str, array: ndarray) -> dict[str, ndarray]:
             array = array.swapaxes(1, 2)
         nth = np.arange(len(array), dtype="i4")
         columns["nth"] = nth.repeat(array.shape[1])
-        name, array = "points", array.reshape(-1, array.shape[2])
+        name, array = f"{name}_points", array.reshape(-1, array.shape[2])
     if array.ndim == 1:
         return {name: array}
     for k, column in enumerate(array.reshape(len(array), -1).T, 1):
@@ -96,7 +94,7 @@ def sheet_blocks(path: Path) -> Iterator[Block]:
         sheets = read_excel(path, sheet_name=None, header=None)
     except Exception as error:  # of the archive, of its XML, of pandas
         raise ScanError(f"{path}: no workbook: is it damaged?") from error
-    for name, cells in sheets.items():
+    for cells in sheets.values():
         text = cells.to_csv(sep=";", header=False, index=False)
-        text = re.sub("^;+$", "", text, flags=re.MULTILINE)
-        yield from text_blocks(path, f"{name}\n{text}".encode())
+        text = re.sub("(?m)^;+$", "", text)
+        yield from text_blocks(path, text.encode())

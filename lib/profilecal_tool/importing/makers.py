@@ -16,6 +16,7 @@ with naming(PATH):
     TABLE = tomllib.loads(PATH.read_text("utf-8"))
 LENGTH_UNITS = TABLE["lengths"]
 ANGLE_UNITS = TABLE["angles"]
+TIME_UNITS = TABLE["times"]
 UNITS = LENGTH_UNITS | ANGLE_UNITS
 UNIT_OF_CODE = {float(code): unit for code, unit in TABLE["scanners"].items()}
 WORDS = {name: {*words.split()} for name, words in TABLE["words"].items()}
@@ -75,7 +76,10 @@ def robots_in(rows: Iterable[dict]) -> dict[str, Robot]:
     robots = {}
     for count, row in enumerate(rows, start=1):
         check_entries(PATH, row, Robot, f"robot {row.get('maker', count)}")
-        robots[row["maker"]] = Robot(**row)
+        robot = Robot(**row)
+        if robot.maker in robots:
+            raise ScanError(f"{PATH}: two rows of {robot.maker}: make them one")
+        robots[robot.maker] = robot
     return robots
 
 

@@ -10,14 +10,14 @@ from pandas import to_numeric
 
 from profilecal.scan.tables import ScanError, cell_number, listed
 from profilecal_tool.importing.blocks import Part
+from profilecal_tool.importing.makers import TIME_UNITS
 from profilecal_tool.importing.questions import Layout
 
 STAMP = re.compile(
-    r"((?:19|20)\d\d)\D?([01]\d)\D?([0-3]\d)\D{0,2}"  # a date
+    r"(?<!\d)((?:19|20)\d\d)\D?([01]\d)\D?([0-3]\d)\D{0,2}"  # a date
     r"([0-2]\d)\D?([0-5]\d)\D?([0-5]\d(?:\.\d{1,6})?)"
 )
 SECONDS = re.compile(r"\d{9,}(?:\.\d+)?|\d+\.\d+")  # since 1970, or since anything
-UNITS_S = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 STILL = 1e-4  # of the largest number: by so little a robot at rest differs
 A_MOMENT_S = 0.5  # poses in such a time are no stops
 
@@ -54,10 +54,9 @@ def pair_profiles(
     driven = [labels.index(name) for name in dict.fromkeys(moves) if name in labels]
     found = paired_by_label(poses, names)
     if not found:
-        times = times_of(poses, names)
-        found = paired_by_time(poses, times) if times else None
-    if not found:
-        found = paired_in_order(poses, driven, names, times)
+        times = times_of(poses, names, layout)
+        by_time = paired_by_time(poses, times) if times else None
+        found = by_time or paired_in_order(poses, driven, names, times)
     if found.times:
         return found
     lost = [name for name, row in zip(names, found.rows, strict=True) if row < 0]
@@ -80,8 +79,8 @@ def paired_in_order(
         sentence = f"{counts}, and no label or time that both have; add a column"
         hint = "or say which files: --profiles, or when they were taken: --times"
         if times:
-            begins = [f"{own.min():.12g}" for own in times]
-            hint += f" (the log begins at {begins[0]} s, the profiles at {begins[1]})"
+            begin = f"the log begins at {times.log.min():.12g} s"
+            hint += f" ({begin}, the profiles at {times.profiles.min():.12g})"
         raise ScanError(f"{poses.path}: {sentence}, {hint}")
     for column in poses.block.having("label"):
         numbers = to_numeric(poses.block.table[column.at], errors="coerce").dropna()
@@ -110,15 +109,14 @@ def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
     """
     matches = []
     for title, labels in poses.labels.items():
-        for how, keys, wanted in ways_to_compare(labels, names):
+        for is_whole, how, keys, wanted in ways_to_compare(labels, names):
             row_of = {key: row for row, key in enumerate(keys)}
             rows = np.array([row_of.get(one, -1) for one in wanted])
             served = len({*rows} - {-1}) / len(row_of)
             share = min((rows >= 0).mean(), served)
             if share > 0.5:
-                rank = not how.startswith("number "), share
                 last = [row_of[key] for key in keys]
-                matches.append(Match(rank, rows, how, title, last))
+                matches.append(Match((is_whole, share), rows, how, title, last))
     if not matches:
         return None
     best = max(matches, key=lambda match: match.rank)
@@ -146,25 +144,26 @@ def check_none_is_twice(poses: Part, names: list[str], match: Match) -> None:
 
 def ways_to_compare(
     labels: list[str], names: list[str]
-) -> Iterator[tuple[str, list, Sequence]]:
-    """How, with what labels have, and what names want: whole names, without folder and
-    ending, if they are more than numbers; all numbers, as in 2_07; or the last number
-    of the labels and each in the names, counted from 0 and from 1 if all fit only so.
+) -> Iterator[tuple[bool, str, list, Sequence]]:
+    """Whether it is by more than one number, how, what labels have, what names want:
+    whole names, without folder and ending, if they are more than numbers; all numbers,
+    as in 2_07; or the last number of the labels and each in the names, counted from 0
+    and from 1 if all fit only so.
     """
     wanted = [*map(stem_of, names)]
     if not "".join(wanted).isdigit():
-        yield "names", [*map(stem_of, labels)], wanted
+        yield True, "names", [*map(stem_of, labels)], wanted
     of_labels, of_names = [*map(numbers_in, labels)], [*map(numbers_in, names)]
     if max(map(len, of_labels)) > 1:
-        yield "numbers in the names", of_labels, of_names
+        yield True, "numbers in the names", of_labels, of_names
     last = [numbers[-1] if numbers else None for numbers in of_labels]
     for k, wanted in enumerate(zip(*of_names, strict=False), 1):
         shift = (0 in wanted) - (0 in last)
         shifted = [one + shift for one in wanted]
+        how = f"number {k} in the names"
         if {*shifted} <= {*last} and not {*wanted} <= {*last}:
-            yield f"number {k} in the names, from 0 and from 1", last, shifted
-        else:
-            yield f"number {k} in the names", last, wanted
+            how, wanted = f"{how}, from 0 and from 1", shifted
+        yield False, how, last, wanted
 
 
 def stem_of(text: str) -> str:
@@ -177,33 +176,34 @@ def numbers_in(text: str) -> tuple[int, ...]:
     return tuple(map(int, re.findall(r"\d+", STAMP.sub("", text))))
 
 
-def time_said(text: str) -> float:
-    """The time that a text says, s; NaN if there is none."""
+def time_said(text: str, unit_s: float) -> float:
+    """The time that a text says, s, in this unit if by a bare number; or NaN."""
     if match := STAMP.search(text):
-        year, month, day, hour, minute, second = match.groups()
+        moment = "{}-{}-{}T{}:{}:{}".format(*match.groups())
         try:
-            date = np.datetime64(f"{year}-{month}-{day}T{hour}:{minute}", "s")
+            return np.datetime64(moment, "us").astype(float) / 1e6
         except ValueError:
             return np.nan
-        return float(date.astype(int)) + float(second)
     match = SECONDS.search(text)
-    value = cell_number(match[0] if match else text)
+    value = round(cell_number(match[0] if match else text) * unit_s, 9)
     while 1e11 < value < np.inf:  # in ms, or less
         value /= 1000
     return value
 
 
-def times_of(poses: Part, names: list[str]) -> Times | None:
-    """The times of poses and profiles, if all have some, in the unit of the poses."""
+def times_of(poses: Part, names: list[str], layout: Layout) -> Times | None:
+    """The times of poses and profiles, if all have some, in the unit of the poses; in s
+    if a user says them.
+    """
     columns = poses.block.having("time", "t")
     if not columns:
         return None
+    unit_s = TIME_UNITS.get(columns[0].unit, 1.0)
+    of_names = 1.0 if layout.times else unit_s
     cells = poses.block.table[columns[0].at].astype(str)
-    every = np.array([*map(time_said, [*cells, *names])])
-    every = (every * UNITS_S.get(columns[0].unit, 1.0)).round(9)
-    if not np.isfinite(every).all():
-        return None
-    return Times(*np.split(every, [len(cells)]))
+    log = np.array([time_said(cell, unit_s) for cell in cells])
+    own = np.array([time_said(name, of_names) for name in names])
+    return Times(log, own) if np.isfinite([*log, *own]).all() else None
 
 
 def paired_by_time(poses: Part, times: Times) -> Pairing | None:

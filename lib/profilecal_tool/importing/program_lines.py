@@ -9,12 +9,12 @@ from pandas import DataFrame
 from profilecal_tool.importing.blocks import Block
 from profilecal_tool.importing.makers import ROBOTS
 
-WORD = r"[\w$.\[\]]+?"  # what stands where $name, $tool or $base does
+WORD = r"[\w$][\w$.\[\]]*?"  # what stands where $name, $tool or $base does
 CELL = r"[^\s,;:()\[\]{}\"'=]+"  # a number, or ******** in place of one
 SIGNS = {
     "…": r"[^{};<>\n]*?",
     "⋮": r"[^{};<>]*?",
-    "^": r"^[ \t]*(?:\d+[ \t]+)?",
+    "^": r"^[ \t]*(?:\d+[ \t]+)??",
 }
 
 
@@ -36,7 +36,7 @@ def expression_of(line: str) -> re.Pattern:
     if token[0] == "$":
         parts.append(r"(?!\w)")
     expression = "".join(parts).removeprefix(r"\s*")  # it may begin no line earlier
-    return re.compile(expression, re.IGNORECASE | re.MULTILINE)
+    return re.compile(f"(?im){expression}")
 
 
 def blanked(expression: str | re.Pattern, text: str) -> str:
@@ -71,8 +71,8 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
             begin, *end = map(re.escape, robot.remark.split())
             ends = rf"{end[0]}|\Z" if end else "$"
             rest = blanked(rf"(?ms){begin}.*?({ends})", text)
-        has_poses = robot.has in text
-        kinds = ("base", "tool", "uses", "pose") if has_poses else ("tool",)
+        every = ("base", "tool", "uses", "pose")
+        kinds = every if robot.has in text else ("tool",)
         for kind in kinds:
             table, others = matches_of(getattr(robot, kind), rest)
             if kind != "uses":  # a move that has a tool may have a pose in it too

@@ -18,19 +18,13 @@ MARKS = b"#% \r\n"  # around titles
 BEGIN = 100_000  # characters that tell what a table is like
 HEAD = 50  # lines within which numbers begin
 EDGES = " \"'"  # of cells
-OPTIONS = {
-    "header": None,
-    "index_col": False,
-    "skipinitialspace": True,
-    "na_values": [*NOTHING, "Invalid", "INVALID", ".Nan", "-"],
-}
 
 
 def dialect(text: str) -> tuple[str | None, str]:
     """What stands between columns (None: spaces), and the decimal mark."""
     rows = [line for line in text.splitlines() if re.search(r"\d", line)]
-    marks = [m for m in ";\t|," if sum(m in row for row in rows) > len(rows) / 2]
-    mark = marks[0] if marks else None
+    most = len(rows) / 2
+    mark = next((m for m in ";\t|," if sum(m in row for row in rows) > most), None)
     if mark == "," and re.search(r"\d,\d+[ ]+[-+]?\d+,\d", text):
         mark = None
     has_commas = mark != "," and re.search(r"\d,\d", text)
@@ -40,8 +34,8 @@ def dialect(text: str) -> tuple[str | None, str]:
 def runs_of_lines(
     path: Path, content: bytes, between: bytes | None
 ) -> Iterator[tuple[int, int, int]]:
-    """The first line, the end, and the place of runs of lines of as many fields, of
-    which a blank line has none, nor a remark below numbers, which is no title.
+    """The first line, the end, and the place in bytes of each run of lines that have
+    equally many fields. Blank lines end a run, and so do remarks below numbers.
     """
     at_top, count = True, content.count(b"\n")
     begin = end = start = place = fields = 0
@@ -63,8 +57,8 @@ def runs_of_lines(
 
 
 def row_where_numbers_begin(rows: list[list[str]], decimal: str) -> int | None:
-    """Where numbers begin: a row has several or more than words, and none stands below
-    one of its words, which would be titles.
+    """The first row of numbers: it has several, or more of them than of words, and no
+    word of it stands above a number, as titles do.
     """
     values = [[cell_number(c.replace(decimal, ".")) for c in row] for row in rows]
     for k, own in enumerate(values):
@@ -115,12 +109,20 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
             known, after = titles, end
         stream.seek(place)
         titles = titles or counted(count)
-        roles = [column_titled(*one).role for one in enumerate(titles)]
-        labels = [at for at, role in enumerate(roles) if role == "label"]
-        options = {"dtype": dict.fromkeys(labels, str), "names": range(count)}
-        options |= {"skiprows": first, "nrows": end - begin - first}
+        columns = map(column_titled, range(count), titles)
+        labels = [column.at for column in columns if column.role == "label"]
         table = read_csv(
-            stream, sep=mark or r"\s+", decimal=decimal, **options, **OPTIONS
+            stream,
+            sep=mark or r"\s+",
+            decimal=decimal,
+            names=range(count),
+            dtype=dict.fromkeys(labels, str),
+            skiprows=first,
+            nrows=end - begin - first,
+            header=None,
+            index_col=False,
+            skipinitialspace=True,
+            na_values=[*NOTHING, "Invalid", "INVALID", ".Nan", "-"],
         )
         table.index += begin + first + 1
         yield Block(path, table, titles)

@@ -25,6 +25,7 @@ from folders import edited
 from makers_table import README, with_table
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
+from openpyxl import load_workbook
 from peoples_files import (
     POSES,
     PROFILES,
@@ -141,6 +142,11 @@ def transforms(folder):
     write_lines(folder / "tf.yaml", ["\n---\n".join(documents)])
 
 
+def two_arrays(folder):
+    left = np.array(scan().values)
+    np.savez(folder / "profiles.npz", left=left, right=left + 1)
+
+
 declared = functools.partial(people.abb, used=False)
 
 
@@ -168,6 +174,7 @@ ASKED = {
     ),
     "a tool that no line uses": (declared, people.one_each, "is declared, and no line"),
     "two poses": (two_poses, people.one_each, "one or two"),
+    "two arrays": (people.tum, two_arrays, "left_points_1,left_points_2 or right"),
     "two frames in turn": (transforms, people.one_each, "tools tool0, camera_link"),
     "no columns": (*points_of("", "7"), "no x and z"),
     "frames": (*points_of("frame,x,z", "0", "1"), "(all: --where 'frame=*')"),
@@ -216,10 +223,10 @@ def log_with_stops(folder):
     states[:, 4:] += np.arange(4)[:, None]
     times = 1.7e9 + np.arange(8 * len(rows)) / 2
     lines = [
-        f"{t:.3f},{text(row)}"
+        f"{1000 * t:.0f},{text(row)}"
         for t, row in zip(times, states.reshape(-1, 7), strict=True)
     ]
-    write_lines(folder / "robot_log.csv", ["time,x,y,z,qw,qx,qy,qz", *lines])
+    write_lines(folder / "robot_log.csv", ["time [ms],x,y,z,qw,qx,qy,qz", *lines])
 
 
 def named_by_the_clock(folder):
@@ -261,6 +268,7 @@ def nothing(folder):
 
 
 GERMAN = "{};X in mm;Y in mm;Z [mm];A in Grad;B in Grad;C in Grad"
+SINCE_1970 = [f"17200312{k:02}141500000" for k in range(12)]  # ns
 BY_XP = [f"XP{k}" for k in range(12)]
 
 
@@ -323,7 +331,12 @@ PAIRED = {
         named_profiles("p{}.csv"),
         "in order",
     ),
-    "seconds": (log_with_stops, named_by_the_clock, "up to 0.1 s apart"),
+    "milliseconds": (log_with_stops, named_by_the_clock, "up to 0.1 s apart"),
+    "numbers like dates": (
+        listed("time,x,y,z,a,b,c", SINCE_1970, order=BACKWARDS),
+        named_profiles("17200312{:02}141500000.csv"),
+        "up to 0 s apart",
+    ),
     "points": (in_one_table, nothing, "in order"),
     "JSON": (in_json, nothing, "by the names"),
     "samples": (in_one_json, nothing, "in order"),
@@ -488,6 +501,12 @@ def stacked(folder):
     people.stacked(folder)
 
 
+def sheet_with_a_word(folder):
+    book = load_workbook(folder / "poses.xlsx")
+    book.active["C4"] = "oops"
+    book.save(folder / "poses.xlsx")
+
+
 MISTAKES = {
     "a row cut short": (people.csv, a_row_cut_short, "line 6: 3 fields; expected 7"),
     "a label twice": (
@@ -531,6 +550,7 @@ MISTAKES = {
         "scan_001.csv line 3: z is 'oops'; exp",
     ),
     "open list": (people.fanuc, edited("p2.yml", " ]", ""), "p2.yml: .* cut short"),
+    "sheet": (people.workbook, sheet_with_a_word, "line 4: Y .mm. is 'oops'"),
     "archive": (
         lambda folder: (people.tum(folder), (folder / "0.npz").write_bytes(b"PK\3")),
         lost("scan_000.csv"),
@@ -609,15 +629,19 @@ def test_each_line_of_the_table_has_an_example_that_is_read(maker, kind):
     examples = iter(robot.examples)
     own = {name: [*islice(examples, len(getattr(robot, name)))] for name in KINDS}
     assert not [*examples], "more examples than lines"
+    names = []
     for line, example in zip(getattr(robot, kind), own[kind], strict=True):
         table, _ = matches_of([line], example)
         assert len(table.dropna(axis=1)) == 1, line
+        names += [*table.get("name", [])]
         if begin := re.search(r"(\w*)\$name", line):
             whole = rf"(?<!\w){begin[1]}{re.escape(table['name'].iloc[0])}(?!\w)"
             assert re.search(whole, example), line
     blocks = program_blocks(Path(), "\n".join([robot.has, *own[kind]]))
     found = [block for block in blocks if (block.robot, block.kind) == (maker, kind)]
     assert sum(len(block.table) for block in found) == len(own[kind])
+    tables = [block.table.set_axis(block.titles, axis=1) for block in found]
+    assert names == [n for table in tables for n in table.get("name", []) if n == n]
     if kind == "pose":
         assert found[0].poses, "no $x $y $z, or no columns of a convention"
     if kind == "uses":
@@ -629,6 +653,8 @@ def test_a_pattern_takes_a_whole_name_and_stands_in_its_own_line():
     table, _ = matches_of(["^$name MOVEX $x"], "7 10 MOVEX 3\n\n120 MOVEX 5")
     assert table["name"].tolist() == ["10", "120"]
     assert table.index.tolist() == [1, 3]
+    table, _ = matches_of(["^$name $x $y …"], "7 400.5 3 2 1")
+    assert table["name"].tolist() == ["7"]
     table, _ = matches_of(["{X $x}"], "home\n\n  {X 5}")
     assert table.index.tolist() == [3]
 
@@ -642,7 +668,8 @@ MISTYPED = {
     "key": ({"exmples": ["TO P7"]}, r"unknown entry 'exmples' in \[robot Acme\]"),
     "kind": ({"pose": "TO $x"}, r"pose is .* in \[robot Acme\]; expected a list"),
     "unit": ({"unit": "feet"}, "unit is 'feet'"),
-    "missing": ({"maker": None}, r"maker is missing in \[robot 1\]"),
+    "missing": ({"maker": None}, r"maker is missing in \[robot 2\]"),
+    "maker": ({}, "two rows of Acme"),
 }
 
 
@@ -651,7 +678,7 @@ def test_a_mistyped_row_of_the_table_is_named(mistake):
     assert robots_in([ROW])["Acme"].unit == "mm"
     change, sentence = MISTYPED[mistake]
     with pytest.raises(ScanError, match=sentence) as caught:
-        robots_in([{k: v for k, v in (ROW | change).items() if v}])
+        robots_in([ROW, {k: v for k, v in (ROW | change).items() if v}])
     assert "makers.toml" in str(caught.value)
 
 
@@ -704,18 +731,17 @@ def log_of(driven, scale=1.0):
     return np.column_stack([scale * driven.log.t, driven.log.p, turned])
 
 
-@pytest.mark.parametrize(("unit", "scale"), [("", 1), (" [ms]", 1000)])
-def test_two_logs_are_a_scan_in_motion(unit, scale, tmp_path):
+def test_two_logs_are_a_scan_in_motion(tmp_path):
     """The robot's with poses, the scanner's with profiles, each by its own clock."""
     motion = {"sweeps": 3, "profiles": 8, "turn_deg": 5.0}
     driven = scan_of("plane", motion=motion, scanner={"points": 60})
-    titles = f"time{unit},x,y,z,qw,qx,qy,qz"
-    write_table(tmp_path / "robot.csv", titles, log_of(driven, scale))
+    titles = "time [ms],x,y,z,qw,qx,qy,qz"
+    write_table(tmp_path / "robot.csv", titles, log_of(driven, 1000))
     points = [
-        np.column_stack([np.full(len(own), scale * t), own])
+        np.column_stack([np.full(len(own), 1000 * t), own])
         for t, own in zip(driven.times, driven.values, strict=True)
     ]
-    write_table(tmp_path / "scanner.csv", f"time{unit},x,z", np.concatenate(points))
+    write_table(tmp_path / "scanner.csv", "time [ms],x,z", np.concatenate(points))
     imported, taken = import_scan(tmp_path, "plane", {})
     assert "by time, in motion" in taken["matched"]
     assert imported.labels == driven.labels
@@ -734,10 +760,12 @@ def test_points_with_a_time_and_a_pose_are_a_scan_in_motion(tmp_path):
     assert_allclose(imported.p_base_flange, p, atol=1e-6)
 
 
-def test_profiles_at_a_rate_are_a_scan_in_motion(tmp_path):
+@pytest.mark.parametrize(("unit", "scale"), [("", 1), (" [ms]", 1000)])
+def test_profiles_at_a_rate_are_a_scan_in_motion(unit, scale, tmp_path):
     motion = {"sweeps": 1, "profiles": 9}
     driven = scan_of("plane", motion=motion, scanner={"points": 60})
-    write_table(tmp_path / "robot.csv", "t,x,y,z,qw,qx,qy,qz", log_of(driven))
+    titles = f"t{unit},x,y,z,qw,qx,qy,qz"
+    write_table(tmp_path / "robot.csv", titles, log_of(driven, scale))
     for k, points in enumerate(driven.values):
         np.savetxt(tmp_path / f"p{k}.txt", points, header="x z")
     start, rate = driven.times[0], 1 / np.diff(driven.times).mean()
