@@ -128,10 +128,9 @@ class Block:
         for column in self.columns:
             owned[column.owner].setdefault(column.role, column)
         placed = {who: own for who, own in owned.items() if own.keys() >= {*XYZ}}
-        others = [c for c in self.columns if not c.owner or c.owner not in placed]
-        of_nobody = {column.role: column for column in others}
+        free = {c.role: c for c in self.columns if not c.owner or c.owner not in placed}
         for owner, own in placed.items():
-            columns = own if convention_of(own) else of_nobody | own
+            columns = own if convention_of(own) else free | own
             if convention := convention_of(columns):
                 name = f"{self.name} {owner}".strip()
                 roles = (*XYZ, *convention.columns)

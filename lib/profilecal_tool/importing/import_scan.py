@@ -172,9 +172,16 @@ def which_hold_what(
     profiles = profiles or [name for name in unclear if name != pose][:1]
     if not profiles and point_tables(first[pose], layout):
         profiles = [pose]
-    if layout.profiles:
-        return pose, layout.profiles
-    return pose, one_or_ask(folder, profiles, "are the profiles", "profiles")
+    profile = layout.profiles or one_or_ask(
+        folder, profiles, "holds the profiles", "profiles"
+    )
+    parts = poses_in(first[pose], layout.pose_columns)
+    parts += point_tables(first[profile], layout)
+    called = {part.name for part in parts}
+    if not any(layout.entry.lower() in name.lower() for name in called):
+        known = f"the entries are {listed(sorted(called))}"
+        raise ScanError(f"{folder}: no entry {layout.entry}; {known}")
+    return pose, profile
 
 
 def check_one_profile_a_pose(

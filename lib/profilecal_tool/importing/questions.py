@@ -61,8 +61,8 @@ def one_or_ask(place: Any, names: Sequence[str], what: str, option: str) -> str:
     if not names:
         raise ScanError(f"{place}: no file {what}; --{option} FILES says which")
     if len(names) > 1:
-        several = " or ".join(names)
-        raise Question(f"{place}: which {what}: {several}?", **{option: names[0]})
+        sentence = f"{place}: which {what}: {' or '.join(names)}?"
+        raise Question(sentence, **{option: names[0]})
     return names[0]
 
 

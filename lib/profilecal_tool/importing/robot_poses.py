@@ -64,7 +64,8 @@ def robot_poses(files: Files, layout: Layout) -> Part:
             raise question_on_file(path, blocks, layout.pose_columns)
         parts += parts_called(found, layout.entry, "flange", "is the robot's pose")
     first = parts[0]
-    if is_of_other(first.name) and not layout.entry:
+    is_asked_for = layout.entry and layout.entry.lower() in first.name.lower()
+    if is_of_other(first.name) and not is_asked_for:
         sentence = f"poses are of {first.name}; are they the flange's?"
         raise Question(f"{first.path}: {sentence}", entry=first.name)
     called = f"{first.path.name} {first.name}".strip()
@@ -146,10 +147,10 @@ def angle_of(poses: Part) -> tuple[float, str]:
     if robot:
         units = {robot.angle} - {""}
     elif doubt := doubt_of_angles(poses, units):
-        columns = poses.block.columns
+        columns = [*poses.block.columns]
         if not turn.sequence:  # most often they are no vector
-            own = poses.columns.values()
-            columns = [c._replace(role="") if c in own else c for c in columns]
+            for role, column in zip("xyzwpr", poses.columns.values(), strict=True):
+                columns[column.at] = column._replace(name=role, role=role)
         raise question_on_columns(poses.block, doubt, columns)
     scale, unit = scale_of(poses.path, units, usual, ANGLE_UNITS)
     return scale / ANGLE_UNITS[usual], f", {unit}"
@@ -180,17 +181,16 @@ def pose_entries(
     length, unit = length_of(poses)
     angle, of_angle = angle_of(poses)
     angles = poses.numbers(turn.columns) * angle
-    columns = dict(zip(XYZ, positions.T, strict=True))
-    columns |= zip(turn.columns, angles.T, strict=True)
-    names = [own.name for own in poses.block.poses.values()]
-    others = listed(name for name in names if name != poses.name)
+    numbers = np.hstack([positions, angles])
+    columns = dict(zip(poses.columns, numbers.T, strict=True))
+    own = poses.block.poses.values()
+    others = listed(one.name for one in own if one.name != poses.name)
     beside = f", not {others}" if others else ""
     name = "poses" if poses.name in ("", "pose") else poses.name
     words = f"{len(labels)} {name}{beside} in {unit}{of_angle}"
-    ends = np.array([positions.min(axis=0), positions.max(axis=0)])
+    ends = np.sort(positions, axis=0)[[0, -1]]
     low, high = (ends * length).round(1).tolist()
     taken["poses"] = f"{poses.path.name}: {words}: {low} to {high} mm"
     taken["pose_columns"] = f"{', '.join(poses.columns)}: {turn.meaning}"
-    lines = [*poses.block.table.index]
-    table = Table(poses.path, {"pose": labels} | columns, lines)
+    table = Table(poses.path, {"pose": labels} | columns, poses.block.table.index)
     return check_poses(table, length)

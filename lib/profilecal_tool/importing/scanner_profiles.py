@@ -122,8 +122,8 @@ def columns_called(block: Block, said: str) -> list[Column]:
     known = {str(column.at + 1): column for column in block.columns}
     known |= {column.name: column for column in block.columns}
     titles = [column_titled(0, title) for title in said.split(",")]
-    found = [(known[t.name], t.unit) for t in titles if t.name in known]
-    return [column._replace(unit=unit or column.unit) for column, unit in found]
+    found = [(known.get(title.name), title.unit) for title in titles]
+    return [one._replace(unit=unit or one.unit) for one, unit in found if one]
 
 
 def point_tables(blocks: list[Block], layout: Layout) -> list[Part]:
@@ -141,14 +141,14 @@ def point_tables(blocks: list[Block], layout: Layout) -> list[Part]:
 
 
 def read_profiles(
-    files: Files, poses: int, layout: Layout, taken: dict[str, str]
+    files: Files, expected: int, layout: Layout, taken: dict[str, str]
 ) -> Profiles:
-    """The profiles in files: one in each, or those of so many poses in one.
+    """The profiles in files: one in each, or in one file as many as are expected.
 
     Raises ScanError.
     """
     is_alone = len(files) == 1
-    poses = poses if is_alone else 1
+    expected = expected if is_alone else 1
     names, counts, parts = [], [], []
     for path, blocks in files.items():
         tables = point_tables(blocks, layout)
@@ -159,8 +159,8 @@ def read_profiles(
             raise ScanError(f"{path}: {sentence}: give titles, or no blank lines")
         rows = []
         for points in tables:
-            several = poses if len(tables) == 1 or poses == 1 else 0
-            profile, own = profile_of_each_row(points.block, several)
+            in_it = expected if len(tables) == 1 or expected == 1 else 0
+            profile, own = profile_of_each_row(points.block, in_it)
             check_one_section(points, profile, layout)
             each = np.bincount(profile)
             names += own or [""] * len(each)
@@ -179,25 +179,25 @@ def read_profiles(
     return Profiles(names if is_alone else names_of(files), values)
 
 
-def profile_of_each_row(block: Block, poses: int) -> tuple[ndarray, list[str]]:
+def profile_of_each_row(block: Block, expected: int) -> tuple[ndarray, list[str]]:
     """The profile of each row, from 0, and what profiles are called, if they are. It is
     told by a label or a time whose values do not come back, and that counts no points;
-    by a place; by the pose beside it; else evenly by so many poses, if these are many.
+    by a place; by the pose beside it; else evenly, where some number is expected.
     """
     rows = len(block.table)
-    if poses == 1:
+    if expected == 1:
         return np.zeros(rows, int), []
     for column in block.having("label", "time", "t", "nth"):
         cells = block.table[column.at]
         profile, labels = pandas.factorize(cells, use_na_sentinel=False)
-        counts_points = column.role == "label" and len(labels) == rows != poses
+        counts_points = column.role == "label" and len(labels) == rows != expected
         if (np.diff(profile) >= 0).all() and not counts_points:
             return profile, [] if column.role == "nth" else [*map(label_of, labels)]
     if block.poses:
-        posed = [c.at for own in block.poses.values() for c in own.columns.values()]
+        posed = [c.at for c in block.columns if c not in block.others]
         pose = block.table.groupby(posed, dropna=False).ngroup().to_numpy()
         return np.cumsum(np.diff(pose, prepend=pose[0]) != 0), []
-    each = rows // poses if poses and rows % poses == 0 else rows
+    each = rows // expected if expected and rows % expected == 0 else rows
     return np.arange(rows) // each, []
 
 
@@ -210,14 +210,9 @@ def check_one_section(points: Part, profile: ndarray, layout: Layout) -> None:
         is_y, is_label = column.role == "y", column.role == "label"
         cells = block.table[column.at]
         each = cells.groupby(profile).agg(["nunique", "size"])
-        comes_back = (2 * each["nunique"] <= each["size"]).all()
-        passes = (
-            each["nunique"].max() < 2,
-            column in (x, z),
-            is_label and not comes_back,  # it counts points
-            layout.where == f"{column.name}=*",
-        )
-        if any(passes):
+        counts_points = is_label and (2 * each["nunique"] > each["size"]).any()
+        is_wanted = column in (x, z) or layout.where == f"{column.name}=*"
+        if each["nunique"].max() < 2 or counts_points or is_wanted:
             continue
         values = sorted(cells.dropna().unique())
         sentence = f"{block.path}: {column.name} is {values[0]} to {values[-1]}"
@@ -226,15 +221,13 @@ def check_one_section(points: Part, profile: ndarray, layout: Layout) -> None:
             raise Question(f"{sentence}, x always the same", columns=answer)
         one = min(values, key=abs) if is_y else values[0]
         hint = f" (all: --where '{column.name}=*')" if is_label else ""
-        where = f"{column.name}={one}"
-        raise Question(f"{sentence} in one profile{hint}", where=where)
+        raise Question(f"{sentence} in one profile{hint}", where=f"{column.name}={one}")
 
 
 def question_on_points(blocks: list[Block], said: str) -> Question:
     """Which columns are x and z; likely the last two of numbers that vary."""
     block = max(blocks, key=lambda block: len(block.table))
-    titles = filter(None, said.split(","))
-    unknown = [title for title in titles if not columns_called(block, title)]
+    unknown = [t for t in said.split(",") if t and not columns_called(block, t)]
     numeric = block.table.select_dtypes("number")
     varied = [str(at + 1) for at in numeric if numeric[at].nunique() > 1]
     sentence = f"no {listed(unknown) or 'x and z'} in columns {listed(block.titles)}"
@@ -248,14 +241,14 @@ def in_mm(
     z = xz[:, 1]
     codes = [code for code in (*UNIT_OF_CODE, layout.missing) if (z == code).any()]
     seen = z[np.isfinite(z)]
-    if not codes and 0 in (seen.min(initial=1), seen.max(initial=-1)):
+    if not codes and 0 in z and not seen.min() < 0 < seen.max():
         codes = [0.0]  # where all other heights lie to one side
     unseen = np.isnan(xz).any(axis=1) | np.isin(z, codes)
     xz[unseen] = np.nan
     if unseen.all():
         raise ScanError(f"{path}: nothing was seen in any profile")
     of_codes = {UNIT_OF_CODE.get(code, "") for code in codes} - {""}
-    said = {layout.unit} if layout.unit else units or of_codes
+    said = {layout.unit} - {""} or units or of_codes
     scale, unit = scale_of(path, said, "mm", LENGTH_UNITS)
     xz *= scale
     low, high = np.nanmin(xz, axis=0), np.nanmax(xz, axis=0)
@@ -270,10 +263,7 @@ def in_mm(
     if is_narrow or not 1 <= largest <= FARTHEST_MM:
         sentence = f"{width:.4g} mm wide, up to {largest:.4g} mm away"
         hint = "the unit, or a code for nothing seen (--missing)?"
-        unlike = {
-            unit: abs(np.log(largest / scale * mm / LIKELY_MM))
-            for unit, mm in LENGTH_UNITS.items()
-        }
-        likely = min(unlike, key=unlike.get)
+        times = LIKELY_MM / largest * scale  # so many mm would be likely
+        likely = min(LENGTH_UNITS, key=lambda u: abs(np.log(LENGTH_UNITS[u] / times)))
         raise Question(f"{path}: {sentence}; is it {hint}", unit=likely)
     return xz

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from pandas import DataFrame
 
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import named, to_rotations
@@ -90,8 +91,8 @@ def frame_of_tool(
     rows = said_in_program(poses, beside, kind)
     columns = [*XYZ, *poses.convention.columns]
     if offset := poses.block.poses.get("tcp_offset"):
-        numbers = offset.numbers(columns).tolist()
-        rows = [dict(zip(columns, row, strict=True)) for row in numbers]
+        table = DataFrame(offset.numbers(columns), columns=columns)
+        rows = table.to_dict("records")
     frames, declared = set(), set()
     with naming(f"{poses.path}: tool"):
         for row in rows:
@@ -130,4 +131,4 @@ def entries_of_flange(
     T = homogeneous(entries["R_base_flange"], entries["p_base_flange"])
     T = T @ np.linalg.inv(homogeneous(R, position * length))
     flange = {"R_base_flange": T[:, :3, :3], "p_base_flange": T[:, :3, 3]}
-    return entries | flange | {"orientation": None}
+    return {**entries, **flange, "orientation": None}

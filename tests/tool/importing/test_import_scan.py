@@ -142,6 +142,15 @@ def transforms(folder):
     write_lines(folder / "tf.yaml", ["\n---\n".join(documents)])
 
 
+of_camera = listed("cam_x,cam_y,cam_z,cam_a,cam_b,cam_c")
+
+
+def angles_first(folder):
+    """In degrees in front of positions, under a vector's titles."""
+    rows = np.roll(poses("FANUC angles"), 3, axis=1)
+    write_table(folder / "poses.csv", "rx,ry,rz,x,y,z", rows)
+
+
 def two_arrays(folder):
     left = np.array(scan().values)
     np.savez(folder / "profiles.npz", left=left, right=left + 1)
@@ -174,6 +183,8 @@ ASKED = {
     ),
     "a tool that no line uses": (declared, people.one_each, "is declared, and no line"),
     "two poses": (two_poses, people.one_each, "one or two"),
+    "of a camera": (of_camera, people.one_each, "poses are of cam"),
+    "angles first": (angles_first, people.one_each, "rad or deg"),
     "two arrays": (people.tum, two_arrays, "left_points_1,left_points_2 or right"),
     "two frames in turn": (transforms, people.one_each, "tools tool0, camera_link"),
     "no columns": (*points_of("", "7"), "no x and z"),
@@ -190,7 +201,7 @@ ASKED = {
     "two families": (
         people.csv,
         doubled("{}.csv", "under_{}.csv"),
-        "which are the profiles",
+        "which holds the profiles",
     ),
 }
 
@@ -448,6 +459,7 @@ SAID = {
     "--pose-columns says x,y": {"pose_columns": "x,y"},
     "x and z are one column": {"columns": "2,2"},
     "no Hoehe in columns x, z": {"columns": "x,Hoehe"},
+    "no entry flnage; the entries are": {"entry": "flnage"},
 }
 
 
@@ -456,6 +468,9 @@ def test_what_is_said_of_columns_holds_for_those_that_are_there(tmp_path):
     for sentence, said in SAID.items():
         with pytest.raises(ScanError, match=sentence):
             read(folder, **said)
+    folder = people.written(tmp_path / "camera", of_camera)
+    with pytest.raises(Question, match="poses are of cam"):
+        read(folder, entry="x,z")  # as profiles are called
 
 
 # what is wrong, and what is said of it
