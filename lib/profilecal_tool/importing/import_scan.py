@@ -178,7 +178,7 @@ def which_hold_what(
     parts = poses_in(first[pose], layout.pose_columns)
     parts += point_tables(first[profile], layout)
     called = {part.name for part in parts}
-    if not any(layout.entry.lower() in name.lower() for name in called):
+    if called and not any(layout.entry.lower() in name.lower() for name in called):
         known = f"the entries are {listed(sorted(called))}"
         raise ScanError(f"{folder}: no entry {layout.entry}; {known}")
     return pose, profile

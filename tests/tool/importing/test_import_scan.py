@@ -538,6 +538,11 @@ MISTAKES = {
     ),
     "nothing": (people.csv, emptied, "no file matches"),
     "no poses": (people.csv, lost("robot.csv"), "no file holds the poses"),
+    "nothing has titles": (
+        listed("", (), "FANUC angles"),
+        lambda folder: [p.write_text("1,2,3\n") for p in folder.glob("scan_*")],
+        "what are they",
+    ),
     "two numbers": (
         listed("Zeile,Bahnpunkt,X,Y,Z,A,B,C", [f"{11 - k},{k}" for k in range(12)]),
         people.one_each,
