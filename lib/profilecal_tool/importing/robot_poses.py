@@ -160,7 +160,7 @@ def doubt_of_angles(poses: Part, units: set[str]) -> str:
     """What speaks against angles in degrees, or a vector in radians; "" for nothing."""
     is_vector = not poses.convention.sequence
     if is_vector and units - {"rad"}:
-        return f"are they a vector in {listed(units)}?"
+        return f"are they a vector in {listed(units)}? (then convert it to rad)"
     if units:
         return ""
     numbers = poses.numbers(poses.convention.columns)
