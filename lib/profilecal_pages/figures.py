@@ -103,11 +103,9 @@ def draw_patch(
 
 def equal_axes(axes: Axes3D, points: ArrayLike) -> None:
     """Give a 3D plot the same scale on its three axes, around points (n, 3)."""
-    low = np.min(points, axis=0)
-    high = np.max(points, axis=0)
-    half = np.array([-1, 1]) * (high - low).max() / 2
-    x, y, z = ((low + high) / 2)[:, None] + half
-    axes.set(xlim=x, ylim=y, zlim=z, box_aspect=(1, 1, 1))
+    axes.set_box_aspect((1, 1, 1))
+    axes.auto_scale_xyz(*np.transpose(points))
+    axes.set_aspect("equal", adjustable="datalim")
 
 
 def draw_scan(
@@ -143,20 +141,11 @@ def noise_curves(axes: Axes, m: Sequence, sigma_mm: Sequence, e: Sequence) -> No
     end.
     """
     shades = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(sigma_mm)))
-    points = "offset points"
     for sigma, curve, shade in zip(sigma_mm, e, shades, strict=True):
         axes.plot(m, curve, color=shade, lw=1.5)
-        end = m[-1], curve[-1]
-        axes.annotate(
-            f"{sigma:.3g}",
-            end,
-            (5, 0),
-            textcoords=points,
-            va="center",
-            color=shade,
-            fontsize=8,
-        )
-    axes.annotate("σ [mm]", end, (5, 10), textcoords=points, fontsize=9)
+        beside = {"x": m[-1], "y": curve[-1], "va": "center", "fontsize": 8}
+        axes.text(s=f"  {sigma:.3g}", color=shade, **beside)
+    axes.text(s="  σ [mm]\n\n", **beside)
 
 
 def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) -> Path:

@@ -233,7 +233,7 @@ def gather(folder: Path) -> Gathered:
     """
     items = []
     for path in sorted(folder.glob("[!.]*.ipynb")):
-        notebook = json.loads(path.read_text(encoding="utf-8"))
+        notebook = json.loads(path.read_text("utf-8"))
         items += [(path.stem, from_json(entry)) for entry in handed_out(notebook, MIME)]
     return items
 
@@ -273,10 +273,15 @@ def sentence(gathered: Gathered) -> str:
 def scorecard(gathered: Gathered) -> pd.DataFrame:
     """A row for each printed number and reading, with its verdict."""
     lines = [
-        {"paper": PAPERS[item.paper], "item": item.item}
-        | asdict(row)
-        | {"verdict": item.verdict(row), "would have failed": ", ".join(row.failed)}
-        | {"free": item.free, "notebook": stem}
+        {
+            "paper": PAPERS[item.paper],
+            "item": item.item,
+            **asdict(row),
+            "verdict": item.verdict(row),
+            "would have failed": ", ".join(row.failed),
+            "free": item.free,
+            "notebook": stem,
+        }
         for stem, item in gathered
         for row in item.rows
     ]

@@ -2,7 +2,6 @@
 runs of many.
 """
 
-import ast
 import json
 import logging
 import os
@@ -50,6 +49,13 @@ def folder() -> Path:
         hint = "this command works in a clone of the repository, installed from there"
         raise ValueError(f"no notebooks at {place}; {hint}")
     return place
+
+
+def shipped(package: str, name: str) -> Path:
+    """A file of the clone that a wheel has inside one of its packages."""
+    packages = Path(__file__).parents[1]
+    inside = packages / package / name
+    return inside if inside.is_file() else packages.parent / name
 
 
 def find(names: Sequence[str]) -> list[Path]:
@@ -183,7 +189,7 @@ def execute(
         place = Path(cwd if Path(cwd).is_dir() else scratch)
         begin = Path(scratch, "source.ipynb")
         end = Path(scratch, "executed.ipynb")
-        begin.write_text(source, encoding="utf-8")
+        begin.write_text(source, "utf-8")
         for _ in range(attempts):
             why = ""
             start = time.perf_counter()
@@ -197,7 +203,7 @@ def execute(
             break
         took = time.perf_counter() - start
         executed = end if end.exists() else begin
-        return executed.read_text(encoding="utf-8"), why, took
+        return executed.read_text("utf-8"), why, took
 
 
 @contextmanager
@@ -300,7 +306,7 @@ def reproduce(
     places = {"results_dir": str(output), "executed_dir": str(executed)}
     jobs: dict[bool, dict] = {False: {}, True: {}}  # by whether it reads the others
     for path, kinds in declared.items():
-        source = path.read_text(encoding="utf-8")
+        source = path.read_text("utf-8")
         parameters = {k: v for k, v in (places | given).items() if k in kinds}
         job = source, parameters, str(path.parent), None
         jobs["executed_dir" in kinds][path.stem] = job
@@ -309,7 +315,7 @@ def reproduce(
     with workers() as client, bar:
         for part in jobs.values():
             for name, text, why, took in outcomes(client, part):
-                (executed / f"{name}.ipynb").write_text(text, encoding="utf-8")
+                (executed / f"{name}.ipynb").write_text(text, "utf-8")
                 if why:
                     failed[name] = why
                 bar.write(f"  {name}: {'FAILED' if why else f'{took:.1f} s'}")
@@ -383,12 +389,9 @@ def at_defaults() -> bool:
     file = Path(f"{names['results'].notebook}.ipynb")
     if not file.exists():
         return False
-    cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
+    cells = json.loads(file.read_text("utf-8"))["cells"]
     tagged = (c for c in cells if "parameters" in c["metadata"].get("tags", []))
-    for entry in ast.parse("".join(next(tagged)["source"])).body:
-        if isinstance(entry, ast.AnnAssign) and entry.value:
-            name = ast.unparse(entry.target)
-            default = ast.literal_eval(entry.value)
-            if name != "results_dir" and names[name] != default:
-                return False
-    return True
+    own: dict = {}
+    exec("".join(next(tagged)["source"]), own)
+    declared = [name for name in own if not name.startswith("__")]
+    return all(names[name] == own[name] for name in declared if name != "results_dir")

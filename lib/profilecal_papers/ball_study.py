@@ -153,7 +153,7 @@ def ball_study(
 def noisy_circles(
     circle: ndarray,
     x: ndarray,
-    sigma_mm: ArrayLike,
+    sigma_mm: ndarray,
     size: int,
     rng: Generator,
 ) -> ndarray:
@@ -196,7 +196,7 @@ def noisy_circles(
         for k in range(1, 5):
             power *= noise
             np.matmul(factors[k], power.T, out=means[k, :, part])
-    s = np.asarray(sigma_mm, dtype=float)[:, None] / r
+    s = sigma_mm[:, None] / r
     of_all = np.einsum("kp,pft->fkt", s ** np.arange(5), means)
     circles = middle + r * circle_from_moments(of_all)
     circles[..., 1] += r * s * mean_noise

@@ -20,13 +20,9 @@ from profilecal.targets.observations import Observations, State
 
 def stack(scenes: Sequence[Scene]) -> Scene:
     """Scenes of one kind and size as a batch."""
-    every = [scene.observations for scene in scenes]
-    observations = replace(
-        every[0],
-        R_flange=np.concatenate([one.R_flange for one in every]),
-        T_flange=np.concatenate([one.T_flange for one in every]),
-        points=np.concatenate([one.points for one in every]),
-    )
+    every = [scene.observations.arrays for scene in scenes]
+    joined = {name: np.concatenate([one[name] for one in every]) for name in every[0]}
+    observations = replace(scenes[0].observations, **joined)
     truth = State.join(*(scene.truth for scene in scenes))
     return replace(scenes[0], observations=observations, truth=truth)
 

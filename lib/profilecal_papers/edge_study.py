@@ -39,9 +39,7 @@ class Poses(NamedTuple):
 
     def first(self, groups: int) -> "Poses":
         """The first groups only, in the order they were collected."""
-        return Poses(
-            self.rotations[..., :groups, :, :], self.positions[..., :groups, :, :]
-        )
+        return Poses(*(part[..., :groups, :, :] for part in self))
 
     def carry(self, points: ndarray, R_sensor: ndarray, T_sensor: ndarray) -> ndarray:
         """Sensed points in the base frame, by the poses reported and the sensor's pose.
@@ -106,15 +104,6 @@ def arc(
     return np.stack([place.real, place.imag, np.zeros(place.shape)], axis=-1)
 
 
-def arc_planes(direction: ndarray, tilt: ArrayLike, azimuth: ArrayLike) -> ndarray:
-    """Frames (..., 3, 3), in columns, of planes (their x and y axes) that make the
-    angle `tilt` with the edge, along `direction` (..., 3). `azimuth` (...) turns the
-    plane about it. x is nearest to the edge, y square to it.
-    """
-    tilted = rotations(np.asarray(tilt)[..., None] * np.eye(3)[2])
-    return (frame_along(direction, azimuth) @ tilted)[..., [1, 2, 0]]
-
-
 def above(
     point: ndarray,
     flange: ndarray,
@@ -167,7 +156,10 @@ class EdgePlan:
             length = self.radius * np.cbrt(share)
             return length * directions(rng, (*shape, self.positions))
         azimuth, middle = rng.uniform(0, 2 * np.pi, (2, *shape))
-        plane = arc_planes(direction[..., None, :], np.radians(self.tilt_deg), azimuth)
+        # the plane's x and y axes: x is nearest to the edge, y square to it
+        tilt = np.radians(self.tilt_deg)[..., None] * np.eye(3)[2]
+        along = frame_along(direction[..., None, :], azimuth)
+        plane = (along @ rotations(tilt))[..., [1, 2, 0]]
         if self.motion == "line":
             way = self.radius * np.linspace(-1, 1, self.positions)[:, None]
             return way * plane[..., None, :, 0]
@@ -274,7 +266,7 @@ def edge_scenes(
         first = np.arange(*shape) // alike * alike
         edge = Edge(point[first], edge.direction[first])
         R_sensor, T_sensor = R_sensor[first], T_sensor[first]
-        poses = Poses(poses.rotations[first], poses.positions[first])
+        poses = Poses(*(part[first] for part in poses))
     points = sense_edge(edge, R_sensor, T_sensor, poses, noise, rng)
     return EdgeScene(edge, R_sensor, T_sensor, poses, points)
 
@@ -300,10 +292,9 @@ def ball_points(
 def observations_of(scene: EdgeScene) -> Observations:
     """Simulated edge scenes, with or without a batch axis, as observations."""
     G, N = scene.points.shape[-3:-1]
-    shape = (*(scene.points.shape[:-3] or (1,)), G * N)
-    R = np.repeat(scene.poses.rotations, N, axis=-3).reshape(*shape, 3, 3)
-    T = scene.poses.positions.reshape(*shape, 3)
-    points = scene.points.reshape(*shape, 1, 2)
+    R = np.repeat(scene.poses.rotations, N, axis=-3).reshape(-1, G * N, 3, 3)
+    T = scene.poses.positions.reshape(-1, G * N, 3)
+    points = scene.points.reshape(-1, G * N, 1, 2)
     return Observations("edge", R, T, points, group=np.repeat(np.arange(G), N))
 
 
@@ -328,8 +319,8 @@ def angles_from(u_b: ndarray, groups: ndarray) -> ndarray:
     """
     aside = np.cross(u_b, np.eye(3)[np.argmin(np.abs(u_b), axis=-1)])
     aside /= np.linalg.norm(aside, axis=-1, keepdims=True)
-    along = np.sum(groups * u_b[..., None, :], axis=-1)
-    across = np.sum(groups * aside[..., None, :], axis=-1)
+    along = np.vecdot(groups, u_b[..., None, :])
+    across = np.vecdot(groups, aside[..., None, :])
     return np.arctan(across / along)
 
 

@@ -21,7 +21,6 @@ from profilecal.targets.ball import Ball
 from profilecal_papers.edge_study import (
     EdgePlan,
     EdgeScene,
-    Poses,
     angles_from,
     ball_points,
     edge_scenes,
@@ -139,15 +138,6 @@ def calibrations(
         yield found
 
 
-def ball_scan(scene: EdgeScene, noise: Noise, rng: Generator) -> tuple[Poses, ndarray]:
-    """Table 3's ball: 60 poses, and six points of each profile in the sensor frame."""
-    ball = Ball(np.zeros_like(scene.T_sensor), BALL_MM)
-    mount = scene.R_sensor, scene.T_sensor
-    poses = plan_ball(ball.centre, ball.radius, *mount, rng)
-    noise = replace(noise, profile_mm=np.asarray(noise.profile_mm)[..., None])
-    return poses, ball_points(ball, *mount, poses, noise, rng, 6)
-
-
 def columns(
     plan: EdgePlan,
     noise: Noise,
@@ -164,7 +154,12 @@ def columns(
     whether specimens share edge, mount and motions, in threes.
     """
     scene = edge_scenes(plan, noise, rng, (count,), alike=3 if share else 1)
-    poses, seen = ball_scan(scene, noise, rng)
+    # Table 3's ball: 60 poses, and six points of each profile
+    ball = Ball(np.zeros_like(scene.T_sensor), BALL_MM)
+    mount = scene.R_sensor, scene.T_sensor
+    poses = plan_ball(ball.centre, ball.radius, *mount, rng)
+    noise = replace(noise, profile_mm=np.asarray(noise.profile_mm)[..., None])
+    seen = ball_points(ball, *mount, poses, noise, rng, 6)
     table = np.empty((len(about_mean), count, len(ROTATIONS), 7))
     for row, readings in enumerate(calibrations(scene, about_mean)):
         for k, found in enumerate(readings):

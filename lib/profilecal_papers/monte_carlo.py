@@ -9,6 +9,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy import ndarray
@@ -28,17 +29,14 @@ BLOCK = 2**15
 PROBLEMS = 64  # solved at a time
 
 
-def norms(errors: ndarray) -> ndarray:
-    """Lengths (...) of errors (..., 3)."""
-    return np.linalg.norm(errors, axis=-1)
-
-
 # Readings of "the standard deviation e" of the disk paper's Figs 15 and 17: from errors
 # (..., trials, 3) to (...)
 READINGS = {
-    "standard deviation of the norms": lambda errors: norms(errors).std(axis=-1),
-    "root mean square": lambda errors: np.sqrt((errors**2).sum(axis=-1).mean(axis=-1)),
-    "mean of the norms": lambda errors: norms(errors).mean(axis=-1),
+    "standard deviation of the norms": lambda e: np.linalg.norm(e, axis=-1).std(
+        axis=-1
+    ),
+    "root mean square": lambda e: np.sqrt((e**2).sum(axis=-1).mean(axis=-1)),
+    "mean of the norms": lambda e: np.linalg.norm(e, axis=-1).mean(axis=-1),
 }
 # The one that counts wherever the paper says "standard deviation": no other gives the
 # numbers of Section V-D2, the only ones without a free setting.
@@ -78,8 +76,7 @@ class Study:
         """A study whose errors are still to be filled in, for one or more sigma_mm and
         one or more m.
         """
-        sigma_mm = np.array(sigma_mm, dtype=float, ndmin=1)
-        m = np.array(m, dtype=int, ndmin=1)
+        sigma_mm, m = np.atleast_1d(sigma_mm), np.atleast_1d(m)
         return cls(sigma_mm, m, np.empty((len(sigma_mm), len(m), 9, trials)))
 
     @property
@@ -124,10 +121,10 @@ def in_chunks(
     chunk = 1000  # trials: memory stays flat, and workers wait little for each other
     firsts = range(0, trials, chunk)
     parts = [slice(first, min(first + chunk, trials)) for first in firsts]
-    tasks = [(setting, part) for setting in np.ndindex(*shape) for part in parts]
-    streams = rng.spawn(len(tasks))
+    settings, parts = zip(*product(np.ndindex(*shape), parts), strict=True)
+    streams = rng.spawn(len(parts))
     with ThreadPoolExecutor(max_workers=workers or os.cpu_count()) as pool:
-        list(pool.map(lambda task, stream: run(*task, stream), tasks, streams))
+        list(pool.map(run, settings, parts, streams))
 
 
 def noisy_blocks(
@@ -253,9 +250,8 @@ def estimate(
             solved.append(with_robot(alone, fit.state[[k]]))
     states, normals = zip(*solved, strict=True)
     normal = np.concatenate(normals)
-    information = normal[:, :-1, :-1]
-    chi2 = normal[:, -1, -1]
-    return State.join(*states), spectrum(information, problem.units), chi2
+    found = spectrum(normal[:, :-1, :-1], problem.units)
+    return State.join(*states), found, normal[:, -1, -1]
 
 
 def with_robot(problem: Problem, state: State) -> tuple[State, ndarray]:

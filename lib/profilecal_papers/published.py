@@ -5,16 +5,15 @@ were printed in.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy import ndarray
-from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
 from profilecal.geometry.poses import nearest_rotation
+from profilecal_pages.notebooks import shipped
 
 
 def least_change(
@@ -63,7 +62,6 @@ def least_change(
     y = minimize(
         lambda y: y[-1],
         start,
-        jac=lambda _: np.append(np.zeros(size), 1.0),
         method="SLSQP",
         constraints={"type": "ineq", "fun": room, "jac": slopes_of_room},
     ).x
@@ -72,13 +70,6 @@ def least_change(
 
 
 FILES = {"disk": "disk_chen_2018.csv", "edge": "edge_xu_2021.csv"}
-
-
-def folder() -> Path:
-    """Where the tables are: inside an installed package, or at the top of a clone."""
-    package = Path(__file__).parent
-    places = (package / "data" / "published", package.parents[1] / "data" / "published")
-    return next((place for place in places if place.is_dir()), places[0])
 
 
 @cache
@@ -91,7 +82,8 @@ def table(paper: str) -> pd.DataFrame:
     """
     if paper not in FILES:
         raise ValueError(f"paper is {paper!r}; expected one of {', '.join(FILES)}")
-    frame = pd.read_csv(folder() / FILES[paper], dtype=str, keep_default_na=False)
+    file = shipped("profilecal_papers", f"data/published/{FILES[paper]}")
+    frame = pd.read_csv(file, dtype=str, keep_default_na=False)
     frame["value"] = frame["printed"].astype(float)
     frame["half_unit"] = (0.5 * 10.0 ** -pd.to_numeric(frame["decimals"])).fillna(0.0)
     return frame
@@ -193,8 +185,8 @@ class RoundingBox:
     def reach(
         self,
         compute: Callable,
-        target: ArrayLike,
-        unit: ArrayLike,
+        target: ndarray,
+        unit: ndarray,
         largest_of: int = 1,
     ) -> tuple[ndarray, float]:
         """Look for the least change of the printed numbers with which `compute` gives
@@ -211,8 +203,6 @@ class RoundingBox:
         found. The search follows derivatives from the table as printed: a large value
         is no proof of absence.
         """
-        target = np.asarray(target, dtype=float)
-        unit = np.asarray(unit, dtype=float)
         low, high = target - unit, target + unit
         others = largest_of - 1
         low = np.append(low, np.zeros(others))

@@ -22,10 +22,8 @@ LINK = re.compile(r"\[([^\]]+)\]\([^)]+\)")
 
 
 def notebook() -> Path:
-    """The report's notebook: inside an installed package, or in the clone."""
-    package = Path(__file__).parents[1]
-    inside = package / "data" / "notebooks" / NOTEBOOK
-    return inside if inside.is_file() else package.parents[1] / "notebooks" / NOTEBOOK
+    """The report's notebook."""
+    return notebooks.shipped("profilecal_tool", f"notebooks/{NOTEBOOK}")
 
 
 def check_report() -> None:
@@ -55,7 +53,7 @@ def write_report(folders: Sequence[Path], path: Path, **parameters: object) -> N
         notebooks.run(source, executed, parameters, source.parent, progress=bar)
         page = to_page(executed, title)
     with written_whole(path) as partial:
-        partial.write_text(page, encoding="utf-8")
+        partial.write_text(page, "utf-8")
 
 
 def to_page(executed: Path, title: str) -> str:
@@ -83,7 +81,7 @@ def to_page(executed: Path, title: str) -> str:
     )
     body, _ = exporter.from_notebook_node(book)
     made = f"profilecal {version('profilecal')}, {date.today().isoformat()}"
-    frame = Path(__file__).with_name("page.html").read_text(encoding="utf-8")
+    frame = Path(__file__).with_name("page.html").read_text("utf-8")
     return string.Template(frame).substitute(title=escape(title), body=body, made=made)
 
 
