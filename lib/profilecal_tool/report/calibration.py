@@ -3,7 +3,7 @@
 Every function takes a `profilecal.calibration.calibration.Calibration`.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import chain
@@ -53,14 +53,13 @@ class Html:
 
 def words(sentences: Iterable[str]) -> Html:
     """Sentences as a list."""
-    html = ""
-    lines = []
+    html = plain = ""
     for sentence in sentences:
         stop = "" if sentence.endswith((".", "?", "!")) else "."
         whole = sentence[0].upper() + sentence[1:] + stop
         html += f"<li>{escape(whole)}</li>"
-        lines.append(f"- {whole}")
-    return Html(f"<ul>{html}</ul>", "\n".join(lines))
+        plain += f"- {whole}\n"
+    return Html(f"<ul>{html}</ul>", plain.rstrip())
 
 
 def verdict(calibration: Calibration) -> Html:
@@ -95,31 +94,25 @@ def answer(found: Calibration) -> Html:
     return Html(f'<pre style="white-space:pre-wrap">{escape(text)}</pre>', text)
 
 
-def chance_limits(calibration: Calibration) -> list[np.ndarray]:
-    """Limits of residuals over the noise that good poses should all keep.
-
-    A pose of each scan (P,) exceeds them so seldom that none of them should.
+def of_poses(calibration: Calibration) -> tuple[Sequence[np.ndarray], ...]:
+    """Of each scan's poses (P,): residuals over the noise, which poses are rejected,
+    and limits that are exceeded so seldom that no good pose should.
     """
-    problem = calibration.solution.problem
-    count = problem.freedoms
+    solution = calibration.solution
+    count = solution.problem.freedoms
     limits = np.sqrt(chi2_limit(FALSE_ALARM / len(count), count) / count)
-    return problem.split(limits)
+    return solution.normalised, solution.rejected, solution.problem.split(limits)
 
 
 def rejected_poses(calibration: Calibration) -> Html:
     """The poses whose residuals are too large, and how large."""
     sentences = []
     if calibration.solution_or_none:
-        every = zip(
-            chain(*calibration.labels_by_scan()),
-            np.concatenate(calibration.solution.normalised),
-            np.concatenate(calibration.solution.rejected),
-            np.concatenate(chance_limits(calibration)),
-            strict=True,
-        )
+        labels = chain(*calibration.labels_by_scan())
+        parts = map(np.concatenate, of_poses(calibration))
         sentences = [
             f"pose {label}: {size:.1f} times the noise; chance explains {limit:.1f}"
-            for label, size, rejected, limit in every
+            for label, size, rejected, limit in zip(labels, *parts, strict=True)
             if rejected
         ]
     return words(sentences or ["none"])

@@ -13,7 +13,7 @@ from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.verify import target_by
 from profilecal.geometry.poses import in_base
 from profilecal.scan.tables import written_whole
-from profilecal_tool.report.pictures import in_frame, in_space
+from profilecal_tool.report.pictures import in_space, one_scale
 
 DRAWN = 6000  # points of a picture
 PLY = """ply
@@ -34,14 +34,8 @@ class Cloud:
 
     points: ndarray  # (N, 3) mm, base frame (eye-to-hand: the flange's)
     pose: ndarray  # (N,) from which each was seen, in the order of the scan
-    # (P,) root mean square distance of each pose's feature from the target, mm
-    residuals: ndarray
+    rms_mm: float  # distance of the features from the target
     frame: str
-
-
-def colours(number: ndarray) -> ndarray:
-    """(n, 4) of poses by their numbers (n,), from 0."""
-    return plt.get_cmap("viridis")(number / max(1, number.max()))
 
 
 def clouds_of(calibration: Calibration, T: ndarray) -> list[Cloud]:
@@ -56,28 +50,25 @@ def clouds_of(calibration: Calibration, T: ndarray) -> list[Cloud]:
     for scan, seen, observed in zip(
         calibration.scans, calibration.seen, calibration.observed, strict=True
     ):
-        target, points, pose = target_by(T, observed)
-        mean_square = np.bincount(pose, target.distance(points) ** 2) / np.bincount(
-            pose
-        )
-        of_pose = seen[pose]
+        target, points, number = target_by(T, observed)
+        pose = seen[number]
+        rms_mm = np.sqrt(np.mean(target.distance(points) ** 2))
         if scan.measured == "profiles":
             every = scan.at_rest(delay_ms).base_flange(np.arange(len(scan.values)))
-            points, of_pose = in_base(T, scan.values, *every)
+            points, pose = in_base(T, scan.values, *every)
         frame = "flange" if observed.eye_to_hand else "base"
-        clouds.append(Cloud(points, of_pose, np.sqrt(mean_square), frame))
+        clouds.append(Cloud(points, pose, rms_mm, frame))
     return clouds
 
 
 def plot_cloud(cloud: Cloud, title: str) -> plt.Figure:
     """Draw a cloud."""
-    rms = np.sqrt(np.mean(cloud.residuals**2))
-    where = f"features lie {rms:.2g} mm rms from the target"
-    figure, axes = in_space(f"{title}, put together from all poses: the\n{where}")
+    where = f"features lie {cloud.rms_mm:.2g} mm rms from the target"
+    words = f"{title}, put together from all poses: the\n{where}"
+    figure, axes = in_space(words, cloud.frame)
     few = slice(None, None, 1 + len(cloud.points) // DRAWN)
-    points, of_points = cloud.points[few], colours(cloud.pose)[few]
-    axes.scatter(*points.T, c=of_points, s=1, depthshade=False)
-    in_frame(axes, cloud.frame, points)
+    axes.scatter(*cloud.points[few].T, c=cloud.pose[few], s=1, depthshade=False)
+    one_scale(axes)
     return figure
 
 
@@ -86,9 +77,9 @@ def write_cloud(calibration: Calibration, T: ndarray, path: Path) -> None:
     file.
     """
     clouds = clouds_of(calibration, T)
-    rgb = [255 * colours(cloud.pose)[:, :3] for cloud in clouds]
-    points = np.concatenate([cloud.points for cloud in clouds])
-    rows = np.hstack([points, np.rint(np.concatenate(rgb))])
+    shares = [cloud.pose / max(1, cloud.pose.max()) for cloud in clouds]
+    rgb = plt.get_cmap("viridis")(np.concatenate(shares), bytes=True)[:, :3]
+    rows = np.hstack([np.concatenate([cloud.points for cloud in clouds]), rgb])
     head = PLY.format(len(rows))
     with written_whole(path) as partial:
         np.savetxt(partial, rows, ["%.4f"] * 3 + ["%d"] * 3, header=head, comments="")

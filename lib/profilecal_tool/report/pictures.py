@@ -1,6 +1,6 @@
 """Pictures for the report, of a calibration's robot and profiles; and of a plan."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from textwrap import fill
 
@@ -17,6 +17,7 @@ from profilecal.calibration.verify import target_by
 from profilecal.geometry.observability import WEAK, name_direction, size_direction
 from profilecal.geometry.poses import homogeneous, in_base
 from profilecal.scan.scan import Scan
+from profilecal.targets.observations import Observations
 from profilecal_pages.figures import (
     BLUE,
     GREEN,
@@ -25,11 +26,10 @@ from profilecal_pages.figures import (
     SKY,
     draw_frame,
     draw_patch,
-    equal_axes,
     use_style,
 )
 from profilecal_tool.plan.design import Plan
-from profilecal_tool.report.calibration import chance_limits
+from profilecal_tool.report.calibration import of_poses
 
 WIDTH = 5.6  # inches, of a page's pictures
 OF_PAGE = 20  # profiles
@@ -49,43 +49,44 @@ def panels(
     return figure, places.ravel()
 
 
-def in_space(title: str) -> tuple[plt.Figure, Axes3D]:
-    """A figure of one 3D plot."""
+def in_space(title: str, frame: str) -> tuple[plt.Figure, Axes3D]:
+    """A figure of one 3D plot, along the axes of a frame."""
     figure, (axes,) = panels(1, 1, 5.2, title, subplot_kw={"projection": "3d"})
-    return figure, axes
-
-
-def in_frame(axes: Axes3D, frame: str, points: ndarray) -> None:
-    """Name the axes of a 3D plot and give them one scale, around points (n, 3)."""
-    equal_axes(axes, points)
-    axes.set_box_aspect(None, zoom=0.88)  # room for the names
+    axes.set_box_aspect((1, 1, 1), zoom=0.88)  # room for the names
     for axis in "xyz":
         getattr(axes, f"set_{axis}label")(f"{frame} {axis} [mm]", labelpad=9)
     axes.locator_params(nbins=4)
+    return figure, axes
 
 
-def key(figure: plt.Figure, axes: Axes) -> None:
+def one_scale(axes: Axes3D) -> None:
+    """Give a 3D plot the same scale along its axes, around all that is drawn."""
+    axes.set_aspect("equal", adjustable="datalim")
+
+
+def key(axes: Axes) -> None:
     """Draw a legend below the figure, each label once."""
     handles, labels = axes.get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
-    figure.legend(once.values(), once, loc="outside lower center", ncols=2)
+    axes.figure.legend(once.values(), once, loc="outside lower center", ncols=2)
 
 
-def draw_view(axes: Axes3D, T: ndarray, xz: ndarray, size: float) -> ndarray:
-    """Draw a sensor at T (4, 4), its axes of such a length, and a part of the scan
-    plane with corners x and z (4, 2); return where these are.
+def draw_scene(
+    axes: Axes3D,
+    sensors: Iterable[ndarray],
+    xz: ndarray,
+    lines: Sequence[ndarray],
+    name: str,
+) -> None:
+    """Draw sensors at poses T (4, 4), each with a part of its scan plane, corners x and
+    z (4, 2); and a target of this name as polylines (n, 3).
     """
-    corners = T[:3, 3] + xz @ T[:3, [0, 2]].T
-    draw_patch(axes, corners, SKY, 0.15, "seen in the scan plane")
-    draw_frame(axes, T[:3, :3], T[:3, 3], size)
-    return corners
-
-
-def draw_target(axes: Axes3D, lines: list[ndarray], kind: str) -> ndarray:
-    """Draw a target's polylines (n, 3); return their points."""
+    for T in sensors:
+        corners = T[:3, 3] + xz @ T[:3, [0, 2]].T
+        draw_patch(axes, corners, SKY, 0.15, "seen in the scan plane")
+        draw_frame(axes, T[:3, :3], T[:3, 3], 0.2 * xz.max())
     for line in lines:
-        axes.plot(*line.T, color="black", lw=3 if len(lines) == 1 else 1, label=kind)
-    return np.concatenate(lines)
+        axes.plot(*line.T, color="black", lw=3 if len(lines) == 1 else 1, label=name)
 
 
 def plot_robot(found: Calibration) -> plt.Figure:
@@ -93,43 +94,40 @@ def plot_robot(found: Calibration) -> plt.Figure:
     the base frame.
     """
     positions = np.concatenate([scan.p_base_flange for scan in found.scans])
-    figure, axes = in_space(f"Where the robot went: {len(positions)} poses")
+    title = f"Where the robot went: {len(positions)} poses"
+    figure, axes = in_space(title, "base")
     axes.scatter(*positions.T, color="0.35", s=6, depthshade=False, label="flange")
     size = 0.08 * np.ptp(positions, axis=0).max() + 5
-    drawn = [positions]
-    for k, scan in enumerate(found.scans):
+    for scan, observed in zip(found.scans, found.observed, strict=True):
         flange = scan.T_base_flange[:: 1 + len(scan.labels) // 20]
         for T in flange:
             draw_frame(axes, T[:3, :3], T[:3, 3], size)
         if found.is_known:
-            drawn += draw_answer(axes, found, k, flange, size)
-    in_frame(axes, "base", np.concatenate(drawn))
-    key(figure, axes)
+            draw_answer(axes, found.pose, observed, flange)
+    one_scale(axes)
+    key(axes)
     return figure
 
 
 def draw_answer(
-    axes: Axes3D, found: Calibration, k: int, flange: ndarray, size: float
-) -> list[ndarray]:
-    """Draw where scan `k` has the sensor and the target at some flange poses (n, 4, 4);
-    return the points that are drawn.
+    axes: Axes3D, pose: ndarray, observed: Observations, flange: ndarray
+) -> None:
+    """Draw where a sensor pose (4, 4) has the sensor at some flange poses (n, 4, 4),
+    and the target that was observed.
     """
-    observed, target = found.observed[k], found.targets[k]
-    _, points, _ = target_by(found.pose, observed)
+    target, points, _ = target_by(pose, observed)
     lines = target.lines(points)
-    x, z = np.nanpercentile(observed.points[0].reshape(-1, 2), [1, 99], axis=0).T
+    x, z = np.nanpercentile(observed.points.reshape(-1, 2), [1, 99], axis=0).T
     corners = np.stack([x[[0, 1, 1, 0]], z[[0, 0, 1, 1]]], axis=1)
-    sensors = flange[::3] @ found.pose
+    sensors = flange[::3] @ pose
     if observed.eye_to_hand:
-        sensors = [found.pose]
+        sensors = [pose]
         lines = [line @ T[:3, :3].T + T[:3, 3] for T in flange for line in lines]
     else:
-        for ends in zip(flange[::3, :3, 3], sensors[:, :3, 3], strict=True):
-            way = np.transpose(ends)
+        for way in np.stack([flange[::3, :3, 3], sensors[:, :3, 3]], axis=2):
             axes.plot(*way, "--", color="0.6", lw=0.8, label="to the sensor's origin")
-    drawn = [draw_view(axes, T, corners, size) for T in sensors]
     name = f"{observed.kind}, where the scans place it"
-    return [*drawn, draw_target(axes, lines, name)]
+    draw_scene(axes, sensors, corners, lines, name)
 
 
 def save_plan(plan: Plan, path: Path) -> None:
@@ -140,18 +138,18 @@ def save_plan(plan: Plan, path: Path) -> None:
     model, predicted = plan.model, plan.predicted
     count = f"{len(plan.T) // 2} sweeps" if plan.speed else f"{len(plan.T)} poses"
     figure, axes = in_space(
-        f"{count}: {predicted.mm:.2g} mm and {predicted.deg:.2g}° predicted"
+        f"{count}: {predicted.mm:.2g} mm and {predicted.deg:.2g}° predicted",
+        "flange" if model.to_hand else "base",
     )
     R, T = model.planes(plan.R, plan.T)
     axes.plot(*T.T, ".-", color=BLUE, lw=0.8, label="sensor, on its way")
     z = np.repeat([model.scanner.near, model.scanner.far], 2)
     corners = np.stack([model.scanner.half_width(z) * [-1, 1, 1, -1], z], axis=1)
     views = homogeneous(R, T)[:: 1 + len(T) // 5]
-    drawn = [T, *(draw_view(axes, view, corners, 0.2 * z.max()) for view in views)]
     seen, _ = in_base(np.eye(4), model.points_seen(R, T, 5), R, T)
-    drawn.append(draw_target(axes, model.target.lines(seen), model.target.kind))
-    in_frame(axes, "flange" if model.to_hand else "base", np.concatenate(drawn))
-    key(figure, axes)
+    draw_scene(axes, views, corners, model.target.lines(seen), model.target.kind)
+    one_scale(axes)
+    key(axes)
     figure.savefig(path, dpi=150)
     plt.close(figure)
 
@@ -180,14 +178,12 @@ def plot_profiles(
             f"{count} features found; x and z in mm{words}"
         )
         rows = -(-len(page) // 4)
-        shared = {"sharex": True, "sharey": True}
-        figure, places = panels(rows, 4, 1.4, title, **shared)
+        figure, places = panels(rows, 4, 1.4, title, sharex=True, sharey=True)
         places[0].invert_yaxis()
         for axes, i in zip(places, page, strict=False):
             values, feature, label = scan.values[i], features[i], scan.labels[i]
-            used = np.isin(np.arange(len(values)), feature.used)
-            for own, colour in ((~used, "0.6"), (used, BLUE)):
-                axes.plot(*values[own].T, ".", ms=1.2, color=colour, rasterized=True)
+            for points, colour in ((values, "0.6"), (values[feature.used], BLUE)):
+                axes.plot(*points.T, ".", ms=1.2, color=colour, rasterized=True)
             if feature.found and scan.target.points:
                 axes.plot(*feature.points.T, "o", ms=5, mfc="none", mec=RED, mew=1.3)
             note = "not found" if feature.reason else "rejected" * (label in rejected)
@@ -205,10 +201,8 @@ def plot_residuals(found: Calibration) -> plt.Figure:
     Residuals are shaded by orientation; those of rejected poses are red, and may end
     above.
     """
-    solution = found.solution
     figure, rows = panels(len(found.scans), 1, 3.2)
-    of_poses = solution.normalised, solution.rejected, chance_limits(found)
-    every = zip(rows, found.scans, found.seen, *of_poses, strict=True)
+    every = zip(rows, found.scans, found.seen, *of_poses(found), strict=True)
     for axes, scan, seen, size, bad, limit in every:
         by_group = np.where(scan.group[seen] % 2, SKY, BLUE)
         width = np.clip(300 / len(seen), 0.5, 8)
@@ -224,7 +218,7 @@ def plot_residuals(found: Calibration) -> plt.Figure:
         inside = np.count_nonzero((size <= limit) & ~bad)
         title = f"chance explains {inside} of {len(seen)} residuals"
         axes.set_title(f"{scan.title or scan.kind}:\n{title}")
-    key(figure, rows[-1])
+    key(rows[-1])
     return figure
 
 
@@ -303,7 +297,7 @@ def plot_points(found: Calibration) -> plt.Figure:
     some = seen[:, :: 1 + seen.shape[1] // 2000]
     axes.plot(*some, ".", ms=1.5, color="0.6", label="seen")
     axes.set(xlabel="x [mm]", ylabel="z [mm]", ylim=(z[-1], z[0]))
-    key(figure, axes)
+    key(axes)
     return figure
 
 

@@ -16,14 +16,14 @@ def test_a_right_pose_makes_the_target_and_a_wrong_one_smears_it(kind, mount):
     scan, truth = pc.simulate(kind, seed=4, **plan)
     found = pc.calibrate(scan)
     (right,) = clouds_of(found, truth.pose)
-    assert np.sqrt(np.mean(right.residuals**2)) < 0.1
+    assert right.rms_mm < 0.1
     if scan.measured == "profiles":
         near = np.abs(truth.target.distance(right.points)) < 0.2
         assert near.mean() > (0.9 if kind == "plane" else 0.05)
     wrong = truth.pose.copy()
     wrong[:3, 3] += 3
     (smeared,) = clouds_of(found, wrong)
-    assert np.mean(smeared.residuals) > 3 * np.mean(right.residuals)
+    assert smeared.rms_mm > 3 * right.rms_mm
 
 
 def test_clouds_are_written(tmp_path):
