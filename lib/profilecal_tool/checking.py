@@ -48,10 +48,9 @@ def lines_on_motion(scan: Scan, observed: Observations) -> list[str]:
     """What there is to say of sweeps, and whether they tell the delay."""
     speed = np.linalg.norm(observed.twist[observed.moving[0], :3], axis=1)
     count = len({*scan.group[scan.moving]})
-    rows = len(scan.log.t) if scan.log else 0
     return [
         f"motion         {scan.moving.sum()} profiles in {count} sweeps, up to "
-        f"{speed.max():.0f} mm/s; {rows} rows of the robot's log",
+        f"{speed.max():.0f} mm/s; {len(scan.log.t)} rows of the robot's log",
         f"delay          {what_motions_tell(observed)}",
     ]
 
@@ -74,7 +73,6 @@ def what_motions_tell(observed: Observations) -> str:
     left = []
     for columns in (of_base, np.concatenate([of_base, of_flange], axis=2)):
         rows = (columns * in_mm[:, None]).reshape(len(twists), -1)
-        rows = rows / np.linalg.norm(rows, axis=0)
         screws = np.linalg.lstsq(rows, twists, rcond=1e-9)[0]
         left.append(np.linalg.norm(twists - rows @ screws) / np.linalg.norm(twists))
     if left[1] > OPEN:

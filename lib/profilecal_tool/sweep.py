@@ -111,7 +111,7 @@ def sweep(
     OSError.
     """
     runs = plan(notebook, grid, repeat)
-    source = notebook.read_text(encoding="utf-8")
+    source = notebook.read_text("utf-8")
     cells = json.loads(source)["cells"]
     code = [(cell["cell_type"], cell["source"]) for cell in cells]
     versions = notebooks.versions()
@@ -137,7 +137,7 @@ def sweep(
                 }
                 with written_whole(folder / f"{name}.ipynb") as part:
                     json_text = json.dumps(executed, indent=1, ensure_ascii=False)
-                    part.write_text(json_text, encoding="utf-8")
+                    part.write_text(json_text, "utf-8")
     table, failed = _gather(runs, folder, versions)
     with written_whole(output / "table.csv") as part:
         table.to_csv(part, index=False)
@@ -147,7 +147,7 @@ def sweep(
 def _about(path: Path) -> dict:
     """What an executed notebook says of its run; nothing where there is none."""
     try:
-        executed = json.loads(path.read_text(encoding="utf-8"))
+        executed = json.loads(path.read_text("utf-8"))
         return executed["metadata"]["profilecal"]
     except (FileNotFoundError, ValueError, KeyError):
         return {}
@@ -160,17 +160,15 @@ def _gather(
     rows = []
     failed = {}
     for name, parameters in runs.items():
-        path = folder / f"{name}.ipynb"
-        about, records = _about(path), [{}]
+        executed = json.loads((folder / f"{name}.ipynb").read_text("utf-8"))
+        about = executed["metadata"]["profilecal"]
+        status, records = "done", notebooks.recorded(executed)
         if about["error"]:
+            status, records = "failed", [{}]
             failed[name] = about["error"]
-        else:
-            records = notebooks.recorded(json.loads(path.read_text("utf-8")))
-        status = "failed" if about["error"] else "done"
         seconds = about["duration_s"]
         end = {"status": status, "duration_s": seconds, **versions, "run": name}
         # a parameter is what it was set to, whatever is recorded
         rows += [parameters | record | parameters | end for record in records]
-    columns = dict.fromkeys(itertools.chain(*rows))
-    first = [column for column in columns if column not in end]
-    return pd.DataFrame(rows, columns=[*first, *end]), failed
+    table = pd.DataFrame(rows)
+    return table[[*table.columns.drop([*end]), *end]], failed

@@ -68,6 +68,9 @@ def pose_lines(solution: Solution, frame: str, to_paste: str) -> list[str]:
     """The sensor's pose in a frame and its uncertainty."""
     x, y, z = solution.translation
     W, P, R = Rotation.from_matrix(solution.rotation).as_euler("xyz", degrees=True)
+    errors = solution.noise
+    sizes = f"{brief(errors.accuracy_mm)} mm and {brief(errors.accuracy_deg)}°"
+    smooth = f", with the robot's smooth errors, taken as {sizes}"
     lines = [
         f"translation    {x:.3f}  {y:.3f}  {z:.3f} mm, "
         f"of the sensor's origin in the {frame} frame",
@@ -77,17 +80,9 @@ def pose_lines(solution: Solution, frame: str, to_paste: str) -> list[str]:
         f"uncertainty    {deviations(solution.covariance)} about the sensor's x, y, z: "
         "one standard deviation, near these poses",
         f"elsewhere      {deviations(solution.covariance_total)}"
-        + smooth_errors(solution.noise),
+        + smooth * bool(errors.accuracy_mm),
     ]
     return [line for line in lines if line]
-
-
-def smooth_errors(noise: Noise) -> str:
-    """What the uncertainty elsewhere has beside that near the poses."""
-    if not noise.accuracy_mm:
-        return ""
-    sizes = f"{brief(noise.accuracy_mm)} mm and {brief(noise.accuracy_deg)}°"
-    return f", with the robot's smooth errors, taken as {sizes}"
 
 
 def note_lines(found: Calibration) -> list[str]:
