@@ -8,48 +8,48 @@ import shlex
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 
 import click
 from click import argument, echo, option
 
 import profilecal as pc
+from profilecal_tool.controllers import CONTROLLERS, for_controller
 
 # what cannot be read, read_scan says in one sentence
 SCAN = click.Path(path_type=Path, readable=False)
 PLACE = click.Path(path_type=Path)
 COUNT = click.IntRange(1)
 MOUNT = click.Choice(["eye-in-hand", "eye-to-hand"])
-# those of profilecal_tool.controllers, which need NumPy
-CONTROLLERS = "abb", "kuka", "ur", "fanuc", "staubli", "kawasaki", "ros", "matrix"
 
 
-def ending_in(*endings):
-    """What refuses places where no file of such an ending can be written."""
+def writing(name, words, *endings):
+    """An option that takes a place where a file of such an ending can be written."""
 
     def checked(ctx, param, path):
         if path and path.suffix.lower() not in endings:
             raise ValueError(
-                f"{param.opts[0]} is {path}; expected a name that ends in "
-                f"{' or '.join(endings)}"
+                f"{name} is {path}; expected a name that ends in {' or '.join(endings)}"
             )
         if path and (path.is_dir() or not os.access(f"{path.parent}/", os.W_OK)):
             raise ValueError(f"{path}: no file can be written there")
         return path
 
-    return checked
+    return option(name, type=PLACE, callback=checked, help=words)
+
+
+def taking(name, metavar, words, kind=str):
+    """An option that takes a value for each word of `metavar`."""
+    count = len(metavar.split())
+    return option(name, nargs=count, type=kind, metavar=metavar, help=words)
 
 
 FOLDER = argument("folder", type=SCAN)
 ANSWER = option(
     "--with", "answer", required=True, type=SCAN, help="What calibrate --json printed."
 )
-CLOUD = option(
-    "--cloud",
-    type=PLACE,
-    callback=ending_in(".ply"),
-    help="Write all profiles put together to this PLY file.",
-)
+CLOUD = writing("--cloud", "Write all profiles put together to this PLY file.", ".ply")
 
 
 class Commands(click.Group):
@@ -100,10 +100,7 @@ def working(doing: str) -> Iterator[None]:
 
     on_terminal = {"disable": None, "leave": False}
 
-    def shown(items, doing, total):
-        return tqdm(items, doing, total, delay=2, **on_terminal)
-
-    token = watcher.set(shown)
+    token = watcher.set(partial(tqdm, delay=2, **on_terminal))
     try:
         with tqdm(desc=doing, bar_format="{desc} …", **on_terminal):
             yield
@@ -132,19 +129,17 @@ def main():
     type=click.Choice(CONTROLLERS),
     help=f"{', '.join(CONTROLLERS)}: a pose to paste.",
 )
-@option(
+@taking(
     "--guess",
-    nargs=6,
-    type=float,
-    metavar="X Y Z W P R",
-    help="Where the sensor is believed to be, mm and degrees.",
+    "X Y Z W P R",
+    "Where the sensor is believed to be, mm and degrees.",
+    float,
 )
-@option(
+@taking(
     "--guess-sd",
-    nargs=2,
-    type=float,
-    metavar="MM DEG",
-    help="How good the guess is, one standard deviation; 15 8 if nothing states it.",
+    "MM DEG",
+    "How good the guess is, one standard deviation; 15 8 if nothing states it.",
+    float,
 )
 @option(
     "--self-test",
@@ -152,16 +147,18 @@ def main():
     metavar="N",
     help="Simulate so many scans from the answer: do its uncertainties hold?",
 )
-@option(
-    "--report",
-    type=PLACE,
-    callback=ending_in(".html", ".htm"),
-    help="Write a report with pictures to this HTML file.",
-)
+@writing("--report", "Write a report with pictures to this HTML file.", ".html", ".htm")
 @CLOUD
 def calibrate(folders, as_json, vendor, guess, guess_sd, self_test, report, cloud):
     """Find the sensor pose from scan folders of one sensor."""
-    check_outputs(as_json, vendor, report)
+    if vendor and as_json:
+        raise ValueError(
+            "--json prints one JSON object and nothing else; ask for --to without it"
+        )
+    if report:
+        from profilecal_tool.report.page import check_report
+
+        check_report()
     from profilecal.scan.folder import mount_pose
 
     with working("calibrating"):
@@ -176,23 +173,12 @@ def calibrate(folders, as_json, vendor, guess, guess_sd, self_test, report, clou
     if not as_json:
         echo(next_step(found, folders))
     if report:
-        known = {"guess": list(guess or []), "guess_sd": list(guess_sd or [])}
-        write_the_report(folders, report, **known)
+        write_the_report(
+            folders, report, guess=list(guess or []), guess_sd=list(guess_sd or [])
+        )
     if found.is_known:
         put_together(found, found.pose, cloud)
     raise SystemExit(0 if found.is_known else 3)
-
-
-def check_outputs(as_json, vendor, report) -> None:
-    """Refuse what cannot be printed or written in the end, before any work."""
-    if vendor and as_json:
-        raise ValueError(
-            "--json prints one JSON object and nothing else; ask for --to without it"
-        )
-    if report:
-        from profilecal_tool.report.page import check_report
-
-        check_report()
 
 
 def with_notes(found, folder, count):
@@ -216,7 +202,6 @@ def with_notes(found, folder, count):
 def print_calibration(found, as_json, vendor) -> None:
     """Print a calibration as JSON or in words, with its pose for a controller."""
     from profilecal.calibration.calibration import answer_text
-    from profilecal_tool.controllers import for_controller
     from profilecal_tool.words import calibration_text
 
     to_paste = ""
@@ -299,12 +284,7 @@ def verify(other, answer, cloud):
 @main.command("check-mount")
 @FOLDER
 @ANSWER
-@option(
-    "--log",
-    type=PLACE,
-    callback=ending_in(".csv"),
-    help="A CSV file to add a row to, and its picture beside.",
-)
+@writing("--log", "A CSV file to add a row to, and its picture beside.", ".csv")
 def check_mount(folder, answer, log):
     """Has anything moved since T.json? A few poses tell.
 
@@ -364,13 +344,7 @@ def simulate(spec, folder, scan):
     type=click.IntRange(1, 1000),
     help="So many; else as many as --until takes.",
 )
-@option(
-    "--until",
-    nargs=2,
-    type=float,
-    metavar="MM DEG",
-    help="Largest standard deviations in any direction.",
-)
+@taking("--until", "MM DEG", "Largest standard deviations in any direction.", float)
 @option(
     "--within",
     metavar="SPEC.toml",
@@ -402,65 +376,36 @@ def plan(spec, folder, poses, until, within, given):
     written = new_folder(folder) if folder else nullcontext()
     with working("planning"), written as partial:
         task = read_task(spec, poses, until, within)
-        if given:
-            prediction, unseen = task.prediction_of(given)
-            lines = words.prediction_lines(prediction, task.model, unseen=unseen)
-            lines += [words.DOUBT] * task.doubted
-        else:
-            designed = task.plan()
-            if partial:
-                from profilecal_tool.report.pictures import save_plan
+        designed = task.plan_of(given) if given else task.plan()
+        if partial:
+            from profilecal_tool.report.pictures import save_plan
 
-                task.write(designed, partial)
-                save_plan(designed, partial / "plan.png")
-            lines = words.plan_lines(designed, task.count_given)
-            lines += [words.DOUBT] * task.doubted
-            lines += words.steps(designed, spec, folder)
+            task.write(designed, partial)
+            save_plan(designed, partial / "plan.png")
+    lines = words.plan_lines(designed, given or task.count_given)
+    if not given:
+        lines += words.steps(designed, spec, folder)
     echo("\n".join(lines))
 
 
 @main.command("import")
 @argument("files", metavar="DIR", type=PLACE)
 @argument("folder", type=PLACE)
-@option(
-    "--target",
-    metavar="KIND",
-    help="An edge, disk, ball, plane, rod or point.",
-)
-@option("--radius", type=float, help="Of a disk, ball or rod, mm.")
+@taking("--target", "KIND", "An edge, disk, ball, plane, rod or point.")
+@taking("--radius", "MM", "Of a disk, ball or rod.", float)
 @option("--mount", type=MOUNT, help="Where the scanner is.")
-@option("--poses", metavar="FILES", help="What holds the robot's poses.")
-@option(
-    "--pose-columns",
-    metavar="NAMES",
-    help='"x [m],y [m],z [m],w,p,r"; _ for others.',
-)
-@option(
-    "--tool",
-    nargs=6,
-    type=float,
-    metavar="X Y Z A B C",
-    help="Poses' tool: mm; angles as theirs or W P R.",
-)
-@option("--profiles", metavar="FILES", help="The profiles, a pattern.")
-@option(
-    "--columns",
-    metavar="X,Z",
-    help='Names or numbers: x,z or "1 [mm],3 [mm]".',
-)
-@option("--entry", metavar="NAME", help="Which list or pose of several.")
-@option("--where", metavar="NAME=VALUE", help="Rows to take: sensor=0.")
-@option("--x", nargs=2, type=float, metavar="START PITCH", help="x, if z is alone.")
-@option(
-    "--times",
-    nargs=2,
-    type=float,
-    metavar="START RATE",
-    help="When profiles in motion were taken: s, Hz.",
-)
-@option("--unit", help='Of the profiles: mm, um, "0.01 um", inch, …')
-@option("--missing", type=float, help="z of points where nothing was seen.")
-@option("--encoding", metavar="NAME", help="Of text that is not UTF-8.")
+@taking("--poses", "FILES", "What holds the robot's poses.")
+@taking("--pose-columns", "NAMES", '"x [m],y [m],z [m],w,p,r"; _ for others.')
+@taking("--tool", "X Y Z A B C", "Poses' tool: mm; angles as theirs or W P R.", float)
+@taking("--profiles", "FILES", "The profiles, a pattern.")
+@taking("--columns", "X,Z", 'Names or numbers: x,z or "1 [mm],3 [mm]".')
+@taking("--entry", "NAME", "Which list or pose of several.")
+@taking("--where", "NAME=VALUE", "Rows to take: sensor=0.")
+@taking("--x", "START PITCH", "x, if z is alone.", float)
+@taking("--times", "START RATE", "When profiles in motion were taken: s, Hz.", float)
+@taking("--unit", "UNIT", 'Of the profiles: mm, um, "0.01 um", inch, …')
+@taking("--missing", "Z", "z of points where nothing was seen.", float)
+@taking("--encoding", "NAME", "Of text that is not UTF-8.")
 def import_(files, folder, **given):
     """Write the profiles and robot poses of DIR as a scan FOLDER.
 
@@ -562,9 +507,7 @@ def reproduce(names, parameters, output):
     type=COUNT,
     help="Seconds after which a cell counts as hung.",
 )
-@option(
-    "--plot", nargs=2, metavar="X Y", help="Draw column Y of the table over column X."
-)
+@taking("--plot", "X Y", "Draw column Y of the table over column X.")
 @option(
     "--hue", default="", metavar="COLUMN", help="A line for each value of this column."
 )

@@ -1,9 +1,9 @@
-"""A pose as robot controllers take it: the line to paste into one."""
+"""A pose as robot controllers take it: the line to paste into one.
 
-import numpy as np
-from numpy.typing import ArrayLike
+The command lists them before NumPy is there.
+"""
 
-from profilecal.scan.conventions import from_rotations, named
+from typing import Any
 
 # the convention of its orientations, and what it takes, to 0.001 mm and about 0.0001°
 CONTROLLERS = {
@@ -47,18 +47,20 @@ CONTROLLERS = {
 }
 
 
-def for_controller(vendor: str, pose: ArrayLike, frame: str = "flange") -> str:
+def for_controller(vendor: str, pose: Any, frame: str = "flange") -> str:
     """A pose (4, 4), mm, in the frame "flange" or "base", to paste into one of
     CONTROLLERS.
 
+    >>> import numpy as np
     >>> for_controller("kuka", np.eye(4))
     '{X 0.000,Y 0.000,Z 0.000,A 0.0000,B 0.0000,C 0.0000}'
     """
+    from profilecal.scan.conventions import from_rotations, named
+
     convention_name, template = CONTROLLERS[vendor]
     convention = named(convention_name)
-    T = np.asarray(pose)
-    x, y, z = T[:3, 3]
-    orientation = from_rotations(convention, T[None, :3, :3])[0]
+    x, y, z = pose[:3, 3]
+    orientation = from_rotations(convention, pose[None, :3, :3])[0]
     entries = dict(zip(convention.columns, orientation, strict=True))
     entries |= {"x": x, "y": y, "z": z}
     entries |= {"x_m": x / 1000, "y_m": y / 1000, "z_m": z / 1000}

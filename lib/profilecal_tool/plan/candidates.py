@@ -9,7 +9,6 @@ from itertools import product
 import numpy as np
 from numpy import ndarray
 from numpy.random import Generator
-from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.poses import Frames, carry, inverse, rotations
 from profilecal.scan.scan import ScanError
@@ -50,8 +49,14 @@ def draw(
             f"{least} are needed: {'; '.join(words)}. "
             "Widen [plan], narrow the margins of [guess], or move target or mount"
         )
-    R, T = map(np.concatenate, zip(*found, strict=True))
+    R, T = joined(*found)
     return R[:count], T[:count]
+
+
+def joined(*poses: Frames) -> Frames:
+    """Poses and further ones together."""
+    R, T = map(np.concatenate, zip(*poses, strict=True))
+    return R, T
 
 
 def random_poses(model: ScanModel, count: int, rng: Generator, beyond: float) -> Frames:
@@ -146,25 +151,26 @@ def off_square(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     - how far that middle lies along an edge, a rod or a face, mm; inf where the target
       is missed.
 
-    A quaternion (x, y, z, w) is a turn about z by 2 atan2(z, w) and a turn by
-    2 atan2(√(x² + y²), √(z² + w²)) about an axis across z. All is rounded, so that what
-    is at a limit is within it.
+    A spin by s and then a tilt by t about an axis across z have a matrix Q with
+    Q₁₀ - Q₀₁ = (1 + cos t) sin s, Q₀₀ + Q₁₁ = (1 + cos t) cos s and Q₂₂ = cos t. All is
+    rounded, so that what is at a limit is within it.
     """
     R_view, T_view = model.planes(R, T)
-    x, y, z, w = Rotation.from_matrix(model.facing.T @ R_view).as_quat(canonical=True).T
-    tilt = 2 * np.arctan2(np.hypot(x, y), np.hypot(z, w))
-    spin = 2 * np.arctan2(z, w)
+    Q = np.moveaxis(model.facing.T @ R_view, 0, -1)
+    spin = np.arctan2(Q[1, 0] - Q[0, 1], Q[0, 0] + Q[1, 1])
+    square = Q[2, 2]
 
     middle = model.middle_seen(R_view, T_view)
     ray = (R_view[..., ::2] @ middle[..., None])[..., 0]
     if model.beside_mm:
-        square = ray @ model.facing[:, 2] / np.linalg.norm(ray, axis=1)
-        tilt = np.maximum(tilt, np.arccos(np.clip(square, -1, 1)))
+        of_ray = ray @ model.facing[:, 2] / np.linalg.norm(ray, axis=1)
+        square = np.minimum(square, of_ray)
+    tilt = np.arccos(np.clip(square, -1, 1))
 
     origin, axes = model.target.frame
     along = np.abs((T_view + ray - origin) @ axes)[:, free_axes(model)]
     aside = np.nan_to_num(along.max(axis=1, initial=0.0), nan=np.inf)
-    return np.array([np.degrees(tilt), np.degrees(spin), aside]).round(6)
+    return np.array([np.degrees(tilt), np.degrees(spin), aside]).round(5)
 
 
 def worst_clearance(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
@@ -191,7 +197,8 @@ def worst_clearance(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     leaving = each[3] - each[1]
     ways = np.array([*each, leaving + each[6], leaving - each[6]])
     errors = sizes * np.concatenate([0 * each[:1], ways, -ways])
-    exact, *off = clearances(model, *model.planes(R, T), errors)
+    planes = model.planes(R, T)
+    exact, *off = (clearance(model, *planes, error) for error in errors)
     lowest = np.minimum(off[:11], off[11:])  # NaN if either is
     cost = np.maximum(exact - lowest[:9], 0).reshape(3, 3, *exact.shape)
     together = np.linalg.norm(cost, axis=1).sum(axis=0)
@@ -200,28 +207,25 @@ def worst_clearance(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     return np.nan_to_num(worst, nan=-np.inf)
 
 
-def clearances(
-    model: ScanModel, R_view: ndarray, T_view: ndarray, errors: ndarray
+def clearance(
+    model: ScanModel, R_view: ndarray, T_view: ndarray, error: ndarray
 ) -> ndarray:
     """How far inside each border of the field of view the target is seen.
 
-    The sensor frames R (P, 3, 3), T (P, 3) are off by each of `errors` (E, 3, 3): a
-    shift s and a turn in their own axes, mm and rad, and a turn u of the target about
-    its origin o, in these axes too. Returns (E, P, k) mm, NaN where the target is not
-    seen.
+    The sensor frames R (P, 3, 3), T (P, 3) are off by an error (3, 3): a shift s and a
+    turn in their own axes, mm and rad, and a turn u of the target about its origin o,
+    in these axes too. Returns (P, k) mm, NaN where the target is not seen.
 
     A target turned by u shows what it shows unturned from a sensor that is turned back
     about o. With U the rotation by -u, R becomes R U; and the sensor's origin, which is
     s - Rᵀ(o - T) from o along its axes, comes to o + R U (s - Rᵀ(o - T)).
     """
-    shift, turn, target_turn = np.moveaxis(errors[:, :, None], 1, 0)
+    shift, turn, target_turn = error
     origin = model.target.frame[0]
     R_back = R_view @ rotations(-target_turn)
     from_origin = shift - carry(*inverse(R_view, T_view), origin)
     T_back = carry(R_back, origin, from_origin)
-    turned = (R_back @ rotations(turn)).reshape(-1, 3, 3)
-    points = model.points_seen(turned, T_back.reshape(-1, 3), 5)
-    points = points.reshape(*T_back.shape[:2], *points.shape[1:])
+    points = model.points_seen(R_back @ rotations(turn), T_back, 5)
     x, z = np.moveaxis(points, -1, 0)
 
     scanner = model.scanner

@@ -21,7 +21,7 @@ from profilecal.geometry.observability import LEAST_TURN_DEG
 from profilecal.geometry.poses import Frames, angle_between, parallel
 from profilecal.geometry.progress import watched
 from profilecal.scan.scan import ScanError
-from profilecal_tool.plan.candidates import BEYOND, draw, neighbours
+from profilecal_tool.plan.candidates import BEYOND, draw, joined, neighbours
 from profilecal_tool.plan.scan_model import (
     Prediction,
     ScanModel,
@@ -47,7 +47,7 @@ class Plan:
     # with the poses that were there before
     predicted: Prediction
     # mm and degrees that were asked for
-    wanted_sd: Sequence[float]
+    wanted_sd: Sequence[float] = USUAL_SD
     # so many poses as these would be enough for that; 0: no number of them
     enough_poses: int = 0
     # whether only a second step, from the answer of these poses, can reach it
@@ -56,6 +56,8 @@ class Plan:
     speed: float = 0.0
     # why there are not as many sweeps as were to be
     left_out: Sequence[str] = ()
+    # so many other poses do not have the target in view
+    unseen: int = 0
 
     @property
     def falls_short(self) -> bool:
@@ -63,35 +65,26 @@ class Plan:
         return self.predicted.lacks(self.wanted_sd) > 1
 
 
-@dataclass(frozen=True)
 class Pool:
     """Candidates, and their blocks of information on the unknowns.
 
-    The unknowns are in units: the sensor pose in those of what is asked for, all others
-    in those of what is known of them beforehand.
+    `R` (N, 3, 3) and `T` (N, 3) are their flange poses; `roots` (N, q, r) has V of each
+    block V Vᵀ, `prior` (q, q) what is there without them. The unknowns are in units:
+    the sensor pose in those of what is asked for, all others in those of what is known
+    of them beforehand.
     """
 
-    # flange poses (N, 3, 3), (N, 3), mm
-    R: ndarray
-    T: ndarray
-    # (N, q, r) V of each block V Vᵀ
-    roots: ndarray
-    # (q, q) what is there without them
-    prior: ndarray
-
-    @classmethod
-    def from_poses(
-        cls,
+    def __init__(
+        self,
         model: ScanModel,
         R: ndarray,
         T: ndarray,
         wanted_sd: Sequence[float],
-        before: ndarray | float = 0.0,
-    ) -> "Pool":
-        """The pool of flange poses (N, 3, 3), (N, 3).
+        before: Frames = NOWHERE,
+    ) -> None:
+        """Of flange poses (N, 3, 3), (N, 3).
 
-        `wanted_sd`: mm and degrees; `before` (q, q): `information` that is there
-        already.
+        `wanted_sd`: mm and degrees; `before`: poses that are there already.
         """
         # An empty plan has a thousandth of the information that is known by hand. With
         # far less, rounding would choose.
@@ -102,6 +95,8 @@ class Pool:
         precision, n = linear.precision.copy(), problem.n
         precision[:n, :n] = np.diag(ridge / problem.units**2)
         unit = np.diag(precision) ** -0.5
+        if len(before[0]):
+            precision += information(model, *before)
         unit[:n] = problem.units
         unit[:6] = np.repeat([wanted_sd[0], np.radians(wanted_sd[1])], 3)
         scale = np.outer(unit, unit)
@@ -109,8 +104,9 @@ class Pool:
         values, vectors = np.linalg.eigh(blocks)
         large = (values > negligible * values.max()).any(axis=0)
         lengths = np.sqrt(np.maximum(values[:, None, large], 0))
-        prior = (precision + before) * scale
-        return cls(R, T, vectors[..., large] * lengths, prior)
+        self.R, self.T = R, T
+        self.roots = vectors[..., large] * lengths
+        self.prior = precision * scale
 
     def covariance(self, chosen: list[int], times: float = 1.0) -> ndarray:
         """Of all unknowns (q, q) after `times` as many poses as the candidates
@@ -155,9 +151,8 @@ class Pool:
         else:
             W = W[:, :6]
             values = smooth_worst(pose - W @ np.linalg.solve(inner, W.mT))
-        if chosen:
-            alike = parallel(self.R, self.R[chosen], LEAST_TURN_DEG)
-            values[alike.any(axis=1)] = np.inf
+        alike = parallel(self.R, self.R[chosen], LEAST_TURN_DEG)
+        values[alike.any(axis=1)] = np.inf
         return values
 
 
@@ -197,8 +192,7 @@ def design(
     # what smooth errors do must not depend on the poses, for information to add up
     smooth = model.linear(*drawn)[0].smooth(model.state).known
     fixed = replace(model, smooth=smooth)
-    given = information(fixed, *before) if len(before[0]) else 0.0
-    pool = Pool.from_poses(fixed, *drawn, wanted_sd, given)
+    pool = Pool(fixed, *drawn, wanted_sd, before)
 
     def by_pool(chosen: list[int]) -> bool:
         return not limits.poses and pool.lacks(chosen) <= 1
@@ -212,7 +206,7 @@ def design(
     for _ in watched(range(EXCHANGES), "exchanging poses"):
         plan = pool.R[chosen], pool.T[chosen]
         several = joined(plan, neighbours(model, *plan, 40, rng))
-        pool = Pool.from_poses(fixed, *several, wanted_sd, given)
+        pool = Pool(fixed, *several, wanted_sd, before)
         chosen = exchanged(pool, list(range(len(chosen))))
         # better poses make up for others: the next round goes on from fewer
         chosen = trimmed(chosen, by_pool)
@@ -243,12 +237,6 @@ def trimmed(chosen: list[int], suffice: Callable[[list[int]], bool]) -> list[int
         if fewer and suffice(fewer):
             chosen = fewer
     return chosen
-
-
-def joined(first: Frames, second: Frames) -> Frames:
-    """Poses and further ones together."""
-    R, T = map(np.concatenate, zip(first, second, strict=True))
-    return R, T
 
 
 def added(pool: Pool, chosen: list[int]) -> list[int]:

@@ -113,6 +113,7 @@ def model_of_scan(found: Calibration) -> tuple[ScanModel, Frames]:
         systematic=prior.systematic,
         to_hand=observed.eye_to_hand,
         measured=scan.measured,
+        doubted=found.misread,
         **typical_of(observed),
     )
 
@@ -133,9 +134,8 @@ def scanner_of(scan: Scan, observed: Observations) -> Scanner:
     it has the one that is narrowest in the middle.
     """
     more_mm = 10
-    points = observed.points[0].reshape(-1, 2)
-    if scan.measured == "profiles":
-        points = np.concatenate(scan.values)
+    seen = scan.values if scan.measured == "profiles" else observed.points[0]
+    points = np.concatenate(seen)
     x, z = points[present(points)].T
     near, far = max(z.min() - more_mm, 1.0), z.max() + more_mm
     share = (z - near) / (far - near)

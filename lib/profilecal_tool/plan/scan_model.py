@@ -43,6 +43,8 @@ class ScanModel(Setup):
     limits: Limits = Limits()  # noqa: RUF009
     # of the robot's smooth errors, as `Problem` takes them; None: as poses have them
     smooth: Known | None = None
+    # whether `calibrate` has something to say against the scan that all this is from
+    doubted: bool = False
 
     def in_base(self, R: ndarray, T: ndarray) -> Frames:
         """Flange poses (P, 3, 3), (P, 3) in the base, or back; eye-to-hand, those of a
@@ -52,8 +54,6 @@ class ScanModel(Setup):
 
     def elsewhere(self, rng: np.random.Generator) -> "ScanModel":
         """The same where the guess is wrong by anything within its margins."""
-        if self.guess is None:
-            return self
         setup = self.guess.setup(self.target.kind, self.sizes, rng)
         return replace(self, **vars(setup))
 
@@ -134,8 +134,7 @@ class ScanModel(Setup):
         `in_motion`: the log, times and group of poses that the robot goes through.
         """
         seen = replace(self.observed(R, T), **in_motion)
-        known = self.noise, self.systematic
-        problem = Problem([seen], *known, known_smooth=self.smooth)
+        problem = Problem([seen], self.noise, self.systematic, known_smooth=self.smooth)
         sizes = self.noise.of_robot
         if problem.clock is not None:
             sizes |= {"jitter_ms": self.noise.jitter_ms}
@@ -154,12 +153,12 @@ def information(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     return linear.posterior(variances[None]).normal[0, :-1, :-1]
 
 
-def largest_sd(covariance: ndarray) -> list[float]:
-    """The largest standard deviations, of a covariance (6, 6) of a pose: of the
+def largest_sd(covariance: ndarray) -> ndarray:
+    """The largest standard deviations (2,), of a covariance (6, 6) of a pose: of the
     translation in any direction, and of the rotation about any axis.
     """
     blocks = covariance[:3, :3], covariance[3:, 3:]
-    return [float(np.sqrt(np.linalg.norm(block, 2))) for block in blocks]
+    return np.sqrt([np.linalg.norm(block, 2) for block in blocks])
 
 
 @dataclass(frozen=True)
@@ -210,13 +209,11 @@ def predict(
     (covariance,), n = posterior.covariance, problem.n
     rank = spectrum(posterior.normal[0, :n, :n], problem.units).rank
     known = of_covariance(covariance[:6, :6], rank, n)
-    delay_sd_s = None
-    if problem.clock is not None:
-        delay_sd_s = float(np.sqrt(covariance[problem.clock, problem.clock]))
+    clock = problem.clock  # None where nothing moves
+    delay_sd_s = clock and np.sqrt(covariance[clock, clock])
     found = Prediction(known, len(T), delay_sd_s=delay_sd_s)
     if rng is None or model.guess is None:
         return found
-    draws = [model.elsewhere(rng) for _ in range(GUESSES)]
-    others = [predict(other, R, T, **in_motion) for other in draws]
+    others = [predict(model.elsewhere(rng), R, T, **in_motion) for _ in range(GUESSES)]
     sizes = np.array([(other.mm, other.deg) for other in others])
     return replace(found, between=(sizes.min(axis=0), sizes.max(axis=0)))

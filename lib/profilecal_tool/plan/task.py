@@ -15,9 +15,10 @@ from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import write_table
 from profilecal.scan.toml import read_toml, toml_text
 from profilecal.simulation.sweeps import Motion
-from profilecal_tool.plan.design import FEW, NOWHERE, Plan, design, joined
+from profilecal_tool.plan.candidates import joined
+from profilecal_tool.plan.design import FEW, NOWHERE, Plan, design
 from profilecal_tool.plan.knowledge import model_of_scan, model_of_spec
-from profilecal_tool.plan.scan_model import Prediction, ScanModel, predict
+from profilecal_tool.plan.scan_model import ScanModel, predict
 from profilecal_tool.plan.specification import (
     PlannedSpec,
     planned_poses,
@@ -42,41 +43,38 @@ class Task:
     # the content of the specification; none: the folder cannot be simulated
     entries: Mapping
     # how the robot moves; None: it stops for each profile
-    motion: Motion | None
+    motion: Motion | None = None
     # poses R (P, 3, 3), T (P, 3) that are there already
-    before: Frames
-    # whether `calibrate` has something to say against the scan
-    doubted: bool
+    before: Frames = NOWHERE
 
-    def prediction_of(self, place: Path) -> tuple[Prediction, int]:
-        """Predict what the poses of a folder or a file will be worth.
-
-        They come after those that are there already, and count as far as they have the
-        target in view; returns also how many have not. Raises ScanError.
+    def plan_of(self, place: Path) -> Plan:
+        """The poses of a folder or a file as a plan, as far as they have the target in
+        view. They come after those that are there already. Raises ScanError.
         """
         _, R, T = planned_poses(place, self.model.to_hand)
-        R, T = joined(self.before, (R, T))
         seen = self.model.in_view(R, T)
         if not seen.any():
             raise ScanError(
                 f"{place}: no pose has the target in view; "
                 "are sensor and target where they are guessed?"
             )
-        return predict(self.model, R[seen], T[seen], self.rng), int((~seen).sum())
+        poses = R[seen], T[seen]
+        predicted = predict(self.model, *joined(self.before, poses), self.rng)
+        return Plan(self.model, *poses, predicted, unseen=np.sum(~seen))
 
     def plan(self) -> Plan:
         """The poses that serve best; in motion, lines through poses. Raises
         ScanError.
         """
-        motion, limits = self.motion, self.model.limits
+        motion = self.motion
         if motion is None:
             plan = self.poses()
-            if plan.falls_short and not self.count_given:
-                return self.first_step() or plan
+            if plan.falls_short and not self.count_given and self.two_steps_reach_it():
+                plan = replace(self.poses(poses=FEW), is_first_step=True)
             return plan
         counts: Sequence[int] = LINES
         if self.count_given:
-            counts = [limits.poses or (motion.sweeps + 1) // 2]
+            counts = [self.model.limits.poses or (motion.sweeps + 1) // 2]
         for count in counts:
             plan = along_lines(self.poses(poses=count), motion, self.rng)
             if not plan.falls_short:
@@ -93,18 +91,16 @@ class Task:
         """A plan of poses. Raises ScanError."""
         return design(self.model, self.rng, before=self.before, **asked)
 
-    def first_step(self) -> Plan | None:
-        """A few poses, from whose answer a second plan reaches what is wanted, if only
-        the margins of the guess keep this one from it.
+    def two_steps_reach_it(self) -> bool:
+        """Whether a second plan, from the answer of a first one, reaches what is
+        wanted: only the margins of the guess keep this one from it.
         """
         guess = self.model.guess
         if guess is None:
-            return None
+            return False
         exact = replace(guess, mount_mm=0, mount_deg=0, target_mm=0, target_deg=0)
         second = replace(self, model=replace(self.model, guess=exact))
-        if second.poses().falls_short:
-            return None
-        return replace(self.poses(poses=FEW), is_first_step=True)
+        return not second.poses().falls_short
 
     def write(self, plan: Plan, folder: Path) -> None:
         """Write a plan of poses or sweeps into a folder that exists.
@@ -114,22 +110,22 @@ class Task:
         with.
         """
         source, convention = self.source, self.source.convention
-        labels = [f"{k:03d}" for k in range(1, len(plan.T) + 1)]
-        table = "poses.csv"
+        numbers, table = range(len(plan.T)), "poses.csv"
+        labels = [f"{k + 1:03d}" for k in numbers]
         if plan.speed:
             table, ends = "sweeps.csv", ("begin", "end")
-            labels = [f"s{k // 2 + 1} {ends[k % 2]}" for k in range(len(plan.T))]
+            labels = [f"s{k // 2 + 1} {ends[k % 2]}" for k in numbers]
         columns = poses_columns(labels, *self.model.in_base(plan.R, plan.T), convention)
         write_table(folder / table, columns)
         title = source.title or f"planned {source.kind}"
-        header = header_of(source, title, self.stated)
-        (folder / "scan.toml").write_text(toml_text(header), encoding="utf-8")
+        files = {"scan": header_of(source, title, self.stated)}
         if self.entries:
-            robot = prior_from(self.stated).scales.of_robot
+            noise = {**self.stated, **prior_from(self.stated).scales.of_robot}
             # in place of limits, which a simulation does not need, the planned poses
-            changes = {"plan": {}, "poses": table, "noise": {**self.stated, **robot}}
-            text = toml_text({**self.entries, **changes})
-            (folder / "simulate.toml").write_text(text, encoding="utf-8")
+            changes = {"plan": {}, "poses": table, "noise": noise}
+            files["simulate"] = {**self.entries, **changes}
+        for name, entries in files.items():
+            (folder / f"{name}.toml").write_text(toml_text(entries), "utf-8")
 
 
 def read_task(
@@ -150,23 +146,20 @@ def read_task(
         raise ScanError(f"{path} is no scan folder; expected one beside --within")
     place = within if is_scan else path
     entries = read_toml(place) if place else {}
-    spec = read_specification(entries, place) if place else PlannedSpec()
+    spec = read_specification(entries, place or path)
     rng = np.random.default_rng(spec.seed)
-    source: PlannedSpec | Scan
     if is_scan:
-        source, motion = read_scan(path), None
-        stated, found = source.noise, calibrate([source])
-        model, before = model_of_scan(found)
-        doubted = found.misread
+        scan = read_scan(path)
+        model, before = model_of_scan(calibrate([scan]))
+        task = Task(model, rng, scan, scan.noise, entries, before=before)
     else:
-        source, stated, motion = spec, entries.get("noise", {}), spec.motion
+        stated = entries.get("noise", {})
         model = model_of_spec(spec, stated, rng)
-        before, doubted = NOWHERE, False
+        task = Task(model, rng, spec, stated, entries, spec.motion)
     limits = spec.plan if place else model.limits
     if poses or until:
         limits = replace(limits, poses=poses or 0, until=until or limits.until)
-    model = replace(model, limits=limits)
-    return Task(model, rng, source, stated, entries, motion, before, doubted)
+    return replace(task, model=replace(model, limits=limits))
 
 
 def next_poses(found: Calibration, folder: Path) -> list[str]:

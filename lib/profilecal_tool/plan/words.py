@@ -1,35 +1,29 @@
 """Predictions and plans in words, as `profilecal plan` prints them."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 from profilecal.geometry.observability import name_direction, size_direction
 from profilecal_tool.plan.design import FEW, Plan
-from profilecal_tool.plan.scan_model import GUESSES, Prediction, ScanModel
+from profilecal_tool.plan.scan_model import GUESSES, Prediction
 from profilecal_tool.words import deviations
 
-WHY = "driven there and back: a delay shifts both ways apart, a wrong mount does not"
-DOUBT = (
-    "note           calibrate finds an error in this scan; "
-    "while that lasts, it will state more than is predicted"
-)
 
-
-def prediction_lines(
-    prediction: Prediction, model: ScanModel, new: int = 0, unseen: int = 0
-) -> list[str]:
-    """A prediction in lines, after what it counts with.
-
-    `new`: how many of the poses are planned; `unseen`: how many poses do not have the
-    target in view.
+def plan_lines(plan: Plan, as_asked: bool) -> list[str]:
+    """A plan in lines, after what its prediction counts with; `as_asked`: it was to
+    have these poses and no others.
     """
-    noise, spectrum = model.noise, prediction.spectrum
+    model, prediction = plan.model, plan.predicted
+    noise, spectrum, count = model.noise, prediction.spectrum, len(plan.T)
     direction, sd = spectrum.directions[0], spectrum.sd[0]
     frame = "base" if model.to_hand else "flange"
     weakest = name_direction(direction, model.R_sensor, frame)
     size = size_direction(sd, direction) if sd < 10 else "open"
-    what = "profiles" if prediction.delay_sd_s else "poses"
-    sizes = deviations(prediction.covariance)
-    some_new = f", {new} of them new" if 0 < new < prediction.poses else ""
+    what, some_new = "poses", ""
+    if plan.speed:
+        what = "profiles"
+    elif count < prediction.poses:
+        some_new = f", {count} of them new"
     lines = [
         f"noise          {noise.profile_mm:.2g} mm of a feature's coordinates",
         f"robot errors   {noise.position_mm:.2g} mm and {noise.orientation_deg:.2g}° "
@@ -39,7 +33,8 @@ def prediction_lines(
         "at each visit",
         f"status         {spectrum.status}, "
         f"predicted for {prediction.poses} {what}{some_new}",
-        f"one sd         {sizes} about the sensor's x, y, z",
+        f"one sd         {deviations(prediction.covariance)} "
+        "about the sensor's x, y, z",
         f"worst          {worst(prediction)} in any direction",
     ]
     if prediction.between and spectrum.status != "unobservable":
@@ -49,18 +44,45 @@ def prediction_lines(
             f"               {between} in {GUESSES} draws of how wrong the guess is"
         )
     lines.append(f"weakest        {weakest}, {size}")
-    if prediction.delay_sd_s:
-        lines.append(f"delay          ± {1e3 * prediction.delay_sd_s:.2g} ms")
-    if unseen:
-        lines.append(
-            f"note           {unseen} other poses do not have the target in view, "
+    if plan.speed:
+        lines += [
+            f"delay          ± {1e3 * prediction.delay_sd_s:.2g} ms",
+            f"sweeps         {count // 2}, driven there and back: a delay shifts both "
+            "ways apart, a wrong mount does not",
+            *(f"left out       {why}" for why in plan.left_out),
+        ]
+    return lines + [f"note           {note}" for note in notes(plan, as_asked)]
+
+
+def notes(plan: Plan, as_asked: bool) -> Iterator[str]:
+    """What else there is to say of a plan."""
+    if plan.unseen:
+        yield (
+            f"{plan.unseen} other poses do not have the target in view, "
             "where it is guessed to be"
         )
-    if prediction.poses < FEW:
-        lines.append(
-            "note           few poses: what calibrate states will scatter widely"
+    if plan.predicted.poses < FEW:
+        yield "few poses: what calibrate states will scatter widely"
+    if plan.model.doubted:
+        yield (
+            "calibrate finds an error in this scan; "
+            "while that lasts, it will state more than is predicted"
         )
-    return lines
+    count, wished = len(plan.T), "{:g} mm and {:g}°".format(*plan.wanted_sd)
+    if plan.is_first_step:
+        yield (
+            "a first step: with a guess as wrong as stated, as many poses as allowed "
+            f"do not reach {wished}; a second step, from the answer of these, does"
+        )
+    elif as_asked or not plan.falls_short:
+        return
+    elif plan.speed:
+        yield f"{count // 2} sweeps do not give {wished}"
+    else:
+        like = "nor are ten times as many"
+        if plan.enough_poses:
+            like = f"{plan.enough_poses} like these are"
+        yield f"{count} poses are not enough for {wished}; {like}"
 
 
 def worst(prediction: Prediction) -> str:
@@ -68,35 +90,6 @@ def worst(prediction: Prediction) -> str:
     if prediction.spectrum.status == "unobservable":
         return "open"
     return f"{prediction.mm:.2g} mm and {prediction.deg:.2g}°"
-
-
-def plan_lines(plan: Plan, count_given: bool) -> list[str]:
-    """A plan in lines; `count_given`: it was to have so many poses and no more."""
-    count = len(plan.T)
-    lines = prediction_lines(plan.predicted, plan.model, 0 if plan.speed else count)
-    wished = "{:g} mm and {:g}°".format(*plan.wanted_sd)
-    falls_short = plan.falls_short and not count_given
-    if plan.speed:
-        lines.append(f"sweeps         {count // 2}, {WHY}")
-        lines += [f"left out       {why}" for why in plan.left_out]
-        if falls_short:
-            lines.append(f"note           {count // 2} sweeps do not give {wished}")
-    elif plan.is_first_step:
-        lines.append(
-            "note           a first step: with a guess as wrong as stated, as many "
-            f"poses as allowed do not reach {wished}; a second step, from the answer "
-            "of these, does"
-        )
-    elif falls_short:
-        like = (
-            f"{plan.enough_poses} like these are"
-            if plan.enough_poses
-            else "nor are ten times as many"
-        )
-        lines.append(
-            f"note           {count} poses are not enough for {wished}; {like}"
-        )
-    return lines
 
 
 def steps(plan: Plan, spec: Path, folder: Path | None) -> list[str]:

@@ -28,7 +28,7 @@ def lacks(predicted):
 def pool_of(kind, count, rng):
     model = model_for(kind)
     R, T = draw(model, count, rng)
-    return Pool.from_poses(model, R, T, UNTIL)
+    return Pool(model, R, T, UNTIL)
 
 
 def test_the_value_with_one_more_pose_is_that_of_the_plan_with_it():
