@@ -3,13 +3,13 @@
 import numpy as np
 from raw_profiles import RADIUS
 from scipy.stats import chi2
+from simulated import state_of
 
 import profilecal as pc
 from profilecal.calibration.observe import as_observations, observe
 from profilecal.geometry.noise import Noise
 from profilecal.joint.problem import Problem
 from profilecal.targets import TARGETS
-from profilecal.targets.observations import State
 
 
 def features_of(kind, profiles, radius=RADIUS):
@@ -53,9 +53,7 @@ def assert_features_are_as_exact_as_stated(kind, seeds=range(4)):
         seen = observe(scan)
         unit = seen.typical_mm
         problem = Problem([as_observations(scan, seen, unit)], Noise(unit))
-        pose, placement = truth.pose[None], tuple(p[None] for p in truth.target.frame)
-        state = State(pose[:, :3, :3], pose[:, :3, 3], (placement,))
-        (columns,) = problem.linear(state)
+        (columns,) = problem.linear(state_of(truth))
         residuals.append(columns[0, -1].ravel())
     r = np.concatenate(residuals)
     count = np.count_nonzero(r)

@@ -9,10 +9,10 @@ import numpy as np
 
 import profilecal as pc
 from profilecal.calibration.answer import DEGREES
-from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.noise import Systematic, normalised_square
 from profilecal.geometry.poses import difference, homogeneous, rotations
-from profilecal.simulation.spec import pose_name
+from profilecal.simulation.spec import truth_of
+from profilecal.targets.observations import State
 
 SCANNER = {"noise_mm": 0.06}  # of raw profiles; 0.05 is stated
 EXACT_SCANNER = vars(Systematic())  # and target
@@ -47,10 +47,10 @@ def calibration_of(kind, **entries):
     return pc.calibrate(scan_of(kind, **entries))
 
 
-def with_values(scan, poses, change):
-    """The scan with what was seen from some poses, by number, changed."""
+def with_values(scan, change, poses=None):
+    """The scan with what was seen changed: from all poses, or from some, by number."""
     values = list(scan.values)
-    for pose in poses:
+    for pose in range(len(values)) if poses is None else poses:
         values[pose] = change(values[pose])
     return replace(scan, values=tuple(values))
 
@@ -71,25 +71,15 @@ def few(scan, poses):
     )
 
 
-def wrongly_seen(rows, error, wrong):
-    """Points (n, 2), or a circle (1, 3), with an error of the scanner of that size."""
-    is_circle = rows.shape[1] == 3
-    points = rows[:, :2]
-    if is_circle:
-        angle = np.radians(np.linspace(-50, 50, 21))
-        points = points + rows[:, 2:] * np.stack([np.sin(angle), -np.cos(angle)], 1)
-    moved = points + wrong * np.stack(error.points(*points.T), axis=1)
-    return fit_circle(moved)[None] if is_circle else moved
-
-
 def wrong_by(T, mm, deg):
     """A pose (4, 4) shifted by mm (3,) and turned by deg (3,) in its own frame."""
     return T @ homogeneous(rotations(np.radians(deg)), np.asarray(mm, dtype=float))
 
 
-def truth_of(scan):
-    """The true sensor pose (4, 4), on the flange or in the base."""
-    return np.array(scan.truth[pose_name(scan.mount)])
+def state_of(truth):
+    """What is true of a simulated scan, as a state."""
+    pose, placed = truth.pose[None], tuple(part[None] for part in truth.target.frame)
+    return State(pose[:, :3, :3], pose[:, :3, 3], (placed,))
 
 
 def error_of(found, true):
@@ -99,7 +89,7 @@ def error_of(found, true):
 
 def squared_error(found):
     """Of an answer from its first scan's truth over its covariance, 6 expected."""
-    error = error_of(found, truth_of(found.scans[0]))
+    error = error_of(found, truth_of(found.scans[0]).pose)
     return normalised_square(found.solution.covariance, error)
 
 

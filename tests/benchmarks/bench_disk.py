@@ -4,10 +4,10 @@ peer's ellipse fit.
 
 import numpy as np
 from bench import at_most, medians, row
+from disk_trials import noisy_tips, solved
 
 from profilecal.closed_form.disk import (
     chord_weights,
-    disk_equations,
     sensing_data_from_ellipse,
 )
 from profilecal.geometry.fitting import Ellipse
@@ -49,26 +49,19 @@ def loop(m: int, trials: int, sigma_mm: float) -> np.ndarray:
     """Disk centres of `trials` calibrations one by one, from the random numbers of
     `disk_study`'s first stream.
     """
-    scans = SCANS
-    exact = np.swapaxes(scans.tips(m), 1, 2)
-    along = exact[:, 1] - exact[:, 0]
-    along /= np.linalg.norm(along, axis=-1, keepdims=True)
     rng = np.random.default_rng(0).spawn(1)[0]
-    noise = sigma_mm * np.array([rng.standard_normal((trials, 2, m, 1)) for _ in exact])
-    vectors = np.swapaxes(exact.reshape(len(exact), 2 * m, 2), 1, 2) @ chord_weights(m)
-    centres = np.empty((trials, 3))
-    for k in range(trials):
-        data = []
-        for i, tips in enumerate(exact):
-            ellipse = by_skimage((tips + noise[i, k] * along[i]).reshape(-1, 2))
-            scan = scans.T_start[i], scans.T_end[i], scans.s[i], scans.disk.radius
-            data.append(sensing_data_from_ellipse(ellipse, vectors[i], *scan))
-        fields = (
-            np.array([getattr(d, name) for d in data])
-            for name in ("T_tcp", "q", "D_i", "D_b")
-        )
-        centres[k] = disk_equations(scans.R_tcp, *fields).translation.q_b
-    return centres - scans.disk.centre
+    exact = np.swapaxes(SCANS.tips(m), 1, 2).reshape(-1, 2 * m, 2)
+    vectors = np.swapaxes(exact, 1, 2) @ chord_weights(m)
+    scans = [*zip(vectors, SCANS.T_start, SCANS.T_end, SCANS.s, strict=True)]
+    centres = []
+    for tips in noisy_tips(SCANS, sigma_mm, m, "chord", rng, trials):
+        ellipses = map(by_skimage, tips.reshape(-1, 2 * m, 2))
+        data = [
+            sensing_data_from_ellipse(ellipse, *scan, SCANS.disk.radius)
+            for ellipse, scan in zip(ellipses, scans, strict=True)
+        ]
+        centres.append(solved(SCANS, data).translation.q_b)
+    return np.array(centres) - SCANS.disk.centre
 
 
 def against_a_loop() -> dict:

@@ -4,11 +4,12 @@ wrong.
 
 import numpy as np
 import pytest
+from disk_trials import noisy_tips, solved
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from profilecal.closed_form.disk import disk_equations, sensing_data
+from profilecal.closed_form.disk import sensing_data
 from profilecal_papers.disk_study import disk_study, fig15_scans
 
 TRIALS = 12
@@ -23,31 +24,10 @@ def loop(scans, tips, heights):
     """
     scan_by_scan = zip(tips, scans.T_start, scans.T_end, scans.s, strict=True)
     data = [sensing_data(*scan, scans.disk.radius, heights) for scan in scan_by_scan]
-    sensed = zip(*((of.T_tcp, of.q, of.D_i, of.D_b) for of in data), strict=True)
-    found = disk_equations(scans.R_tcp, *map(np.array, sensed))
+    found = solved(scans, data)
     centre = found.translation.q_b - scans.disk.centre
     turn = Rotation.from_matrix(found.R_sensor @ scans.R_sensor.T).as_rotvec()
     return *centre, *turn, *(found.T_sensor - scans.T_sensor)
-
-
-def noisy_tips(scans, sigma, m, noise, rng, trials=TRIALS):
-    """The tips (trials, n, m, 2, 2) that the engine's stream stands for, put together
-    as Eq. 52 says.
-    """
-    exact = scans.tips(m)
-    chords = exact[:, :, 1] - exact[:, :, 0]
-    directions = chords / np.linalg.norm(chords, axis=-1, keepdims=True)
-    tips = np.repeat(exact[None], trials, axis=0)
-    for i, along in enumerate(directions):
-        if noise == "chord":
-            u = sigma * rng.standard_normal((trials, 2, m, 1))
-            moved = u * along
-        else:
-            u, v = sigma * rng.standard_normal((trials, 2, 2, m, 1)).swapaxes(0, 1)
-            across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
-            moved = u * along + v * across
-        tips[:, i] += moved.swapaxes(1, 2)
-    return tips
 
 
 @pytest.mark.parametrize("m", [5, 40])
@@ -58,7 +38,7 @@ def noisy_tips(scans, sigma, m, noise, rng, trials=TRIALS):
 def test_disk_study_equals_the_plain_loop(noise, heights, m):
     kind = {"noise": noise, "heights": heights}
     study = disk_study(SCANS, 0.3, m, TRIALS, default_rng(5), **kind)
-    tips = noisy_tips(SCANS, 0.3, m, noise, default_rng(5).spawn(1)[0])
+    tips = noisy_tips(SCANS, 0.3, m, noise, default_rng(5).spawn(1)[0], TRIALS)
     expected = np.array([loop(SCANS, trial, heights) for trial in tips])
     errors = study.centre_error, study.rotation_error, study.translation_error
     found = np.concatenate(errors, axis=-1)[0, 0]

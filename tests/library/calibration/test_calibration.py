@@ -23,8 +23,8 @@ from profilecal.calibration.observe import observe, observe_all
 def test_poses_without_a_measurement_are_left_out_and_named_by_scan():
     edge = scan_of("edge", seed=9, title="edge")
     disk = scan_of("disk", seed=9, title="disk", measured="profiles", scanner=SCANNER)
-    unseen_point = with_values(edge, [4], lambda rows: rows[:0])
-    unseen_disk = with_values(disk, [0], lambda rows: np.full((9, 2), np.nan))
+    unseen_point = with_values(edge, lambda rows: rows[:0], [4])
+    unseen_disk = with_values(disk, lambda rows: np.full((9, 2), np.nan), [0])
     found = pc.calibrate([unseen_point, unseen_disk])
     assert found.messages[0] == "edge: 1 pose left out, no point: g1p5"
     assert found.messages[1].startswith(
@@ -78,8 +78,7 @@ def test_scans_that_do_not_belong_together_are_refused():
 
 
 def test_a_scan_that_shows_nothing_is_refused():
-    scan = scan_of("edge", seed=1)
-    blind = replace(scan, values=tuple(rows[:0] for rows in scan.values))
+    blind = with_values(scan_of("edge", seed=1), lambda rows: rows[:0])
     sentence = (
         r"0 of 250 poses show the target \(edge\); expected 3 or more; "
         "250 poses left out, no point: g1p1"
@@ -129,7 +128,7 @@ def test_few_poses_are_kept_where_robots_err_and_one_that_is_wrong_is_not():
         found = pc.calibrate(scan)
         squares += squared_error(found)
         rejected += len(found.poses_rejected)
-        wrong = with_values(scan, [5], lambda rows: rows + 3.0)
+        wrong = with_values(scan, lambda rows: rows + 3.0, [5])
         assert pc.calibrate(wrong).poses_rejected == [scan.labels[5]]
     assert rejected == 0
     assert squares < chi2.isf(1e-4, 6 * 4)

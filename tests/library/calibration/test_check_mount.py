@@ -5,7 +5,7 @@ from itertools import cycle
 
 import numpy as np
 import pytest
-from simulated import few, scan_of
+from simulated import few, scan_of, with_values
 
 import profilecal as pc
 
@@ -30,7 +30,7 @@ def scans(kind, count, seed=1, **entries):
 
 
 def moved_sensor(scan, by):
-    return replace(scan, values=tuple(rows + by for rows in scan.values))
+    return with_values(scan, lambda rows: rows + by)
 
 
 def moved_target(scan, by):

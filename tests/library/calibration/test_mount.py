@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from simulated import few, squared_error
+from simulated import few, squared_error, with_values
 
 import profilecal as pc
 from profilecal.geometry.poses import rotations
@@ -29,18 +29,16 @@ def of_a_tool(scan):
 
 
 def from_elsewhere(scan):
-    return replace(
-        scan, values=tuple(rows + np.array([0, 130]) for rows in scan.values)
-    )
+    return with_values(scan, lambda rows: rows + np.array([0, 130]))
 
 
 WRONG = {
     "the poses were of a tool whose frame is at about ": of_a_tool,
-    "z of the profiles were negated": lambda scan: replace(
-        scan, values=tuple(rows * [1, -1] for rows in scan.values)
+    "z of the profiles were negated": lambda scan: with_values(
+        scan, lambda rows: rows * [1, -1]
     ),
-    "x and z of the profiles were exchanged": lambda scan: replace(
-        scan, values=tuple(rows[:, ::-1] for rows in scan.values)
+    "x and z of the profiles were exchanged": lambda scan: with_values(
+        scan, lambda rows: rows[:, ::-1]
     ),
     "z of the profiles were about +": from_elsewhere,
 }

@@ -11,12 +11,7 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 from scipy.stats import chi2
-from simulated import (
-    error_of,
-    scan_of,
-    squared_error,
-    truth_of,
-)
+from simulated import error_of, scan_of, squared_error, with_values
 
 import profilecal as pc
 from profilecal.calibration.doubts import doubts
@@ -24,6 +19,7 @@ from profilecal.calibration.observe import observe
 from profilecal.calibration.other_conventions import better_readings
 from profilecal.calibration.plausibility import poor_errors
 from profilecal.scan.toml import read_toml
+from profilecal.simulation.spec import truth_of
 
 pytestmark = pytest.mark.usefixtures("read_rightly")
 EXAMPLES = Path(__file__).parents[3] / "data" / "examples"
@@ -49,15 +45,13 @@ def said(found):
 
 def largest_error(found):
     """Of a component of the pose, in standard deviations."""
-    error = error_of(found, truth_of(found.scans[0]))
+    error = error_of(found, truth_of(found.scans[0]).pose)
     return np.max(np.abs(error) / np.sqrt(np.diag(found.solution.covariance)))
 
 
 def deformed(A):
     """What makes a scan of which each profile's (x, z) are times a matrix (2, 2)."""
-    return lambda scan: replace(
-        scan, values=tuple(points @ np.array(A) for points in scan.values)
-    )
+    return lambda scan: with_values(scan, lambda points: points @ np.array(A))
 
 
 def moved(scan, shifts):
@@ -198,8 +192,7 @@ def test_a_scanner_that_errs_more_than_usual_is_allowed_for_and_named(
     said, inside, chances = 0, 0, []
     for seed in range(8):
         scan = scan_of("ball", seed=seed, noise=noise, **plan)
-        values = tuple(map(wrong, scan.values))
-        found = pc.calibrate(replace(scan, values=values, noise={}))
+        found = pc.calibrate(replace(with_values(scan, wrong), noise={}))
         said += bool(re.search(words, " ".join(found.messages)))
         inside += squared_error(found) < 12.6
         chances.append([*poor_errors(found.solution).values()])
@@ -212,7 +205,7 @@ def test_a_scanner_that_errs_more_than_usual_is_allowed_for_and_named(
 @pytest.mark.parametrize("kind", ["edge", "plane", "ball", "disk", "rod"])
 def test_swapped_columns_are_asked_about_which_no_residual_shows(kind):
     scan = scan_of(kind, seed=4, measured="profiles", groups=9, positions=2)
-    swapped = replace(scan, values=tuple(rows[:, ::-1] for rows in scan.values))
+    swapped = with_values(scan, lambda rows: rows[:, ::-1])
     assert doubts(scan) == []
     assert ["are their columns swapped?" in one for one in doubts(swapped)] == [True]
     if kind == "ball":

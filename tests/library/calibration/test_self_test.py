@@ -6,7 +6,7 @@ from itertools import cycle
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from simulated import calibration_of, scan_of
+from simulated import calibration_of, scan_of, with_values
 
 import profilecal as pc
 from profilecal.calibration.plausibility import systematic_tests
@@ -44,8 +44,8 @@ def test_patterns_of_scans_as_the_model_has_them_are_standard_normal(kind):
 
 
 def bent(scan):
-    values = [rows + [0, 0.5] * (rows[:, :1] / 50) ** 2 for rows in scan.values]
-    return replace(scan, values=tuple(values), noise={})
+    curved = with_values(scan, lambda rows: rows + [0, 0.5] * (rows[:, :1] / 50) ** 2)
+    return replace(curved, noise={})
 
 
 def scaled(scan):

@@ -26,8 +26,8 @@ def arrays(scene, sigma=0.0, seed=2):
     return seen.R_flange[0], seen.T_flange[0], points, seen.group
 
 
-def edge_rows(seed=1, sigma=0.05):
-    return arrays(random_scene("edge", default_rng(seed)), sigma)
+def edge_rows():
+    return arrays(random_scene("edge", default_rng(1), groups=10), 0.05)
 
 
 def uneven(group, sizes):
@@ -37,24 +37,20 @@ def uneven(group, sizes):
     return np.concatenate(rows)
 
 
-def shuffled(group, rng, firsts_stay=True):
-    """Rows in a random order, in which the first of each group may stay the first."""
+def shuffled(group, rng):
+    """Rows in a random order, in which the first of each group stays the first."""
     rows = rng.permutation(len(group))
-    if firsts_stay:
-        firsts = np.unique(group, return_index=True)[1]
-        for k, first in enumerate(firsts):
-            places = np.flatnonzero(group[rows] == k)
-            rows[places] = np.r_[first, rows[places][rows[places] != first]]
+    firsts = np.unique(group, return_index=True)[1]
+    for k, first in enumerate(firsts):
+        places = np.flatnonzero(group[rows] == k)
+        rows[places] = np.r_[first, rows[places][rows[places] != first]]
     return rows
 
 
 def off(found, scene):
     """By how much an answer is wrong, mm and rad."""
-    return np.abs(pose_error(found.R_sensor, found.T_sensor, *mount(scene))).max()
-
-
-def mount(scene):
-    return scene.R_sensor, scene.T_sensor
+    found, true = ((pose.R_sensor, pose.T_sensor) for pose in (found, scene))
+    return np.abs(pose_error(*found, *true)).max()
 
 
 def assert_same(found, expected, within=1e-9):
@@ -71,7 +67,7 @@ def all_pairs(R_b, T_b, p_s, group):
     """
     unit = np.eye(9).reshape(9, 3, 3)
     p_s = np.insert(p_s, 1, 0, axis=1)
-    A, b, along = [], [], []
+    A, b = [], []
     members = [np.flatnonzero(group == k) for k in range(group.max() + 1)]
     for rows in members:
         R, first, others = R_b[rows[0]], rows[0], rows[1:]
@@ -99,8 +95,7 @@ def all_pairs(R_b, T_b, p_s, group):
 @pytest.mark.parametrize("sizes", [(10,), (3, 10, 4), (1, 5, 2, 7, 3)], ids=str)
 def test_an_edge_seen_in_uneven_groups_is_solved_as_all_pairs_say(sizes):
     R_b, T_b, p_s, group = edge_rows()
-    rows = uneven(group, sizes)
-    rows = rows[shuffled(group[rows], default_rng(3), firsts_stay=False)]
+    rows = default_rng(3).permutation(uneven(group, sizes))
     R_sensor, T_sensor, p = all_pairs(R_b[rows], T_b[rows], p_s[rows], group[rows])
     names = np.array([f"g{number:02}" for number in group[rows]])
     for given in ({}, {"group": names}):
@@ -119,34 +114,21 @@ def test_matrices_printed_to_four_decimals_form_groups_too():
 # The disk
 
 
-def disk_rows(seed=1, sigma=0.05):
-    scene = random_scene("disk", default_rng(seed))
-    return scene, arrays(scene, sigma)
-
-
-def test_the_order_of_a_disk_s_rows_and_tips_does_not_matter_to_labelled_motions():
-    scene, (R, T, chords, group) = disk_rows()
-    rng = default_rng(6)
-    guess = scene.R_sensor @ rotations([0.2, -0.1, 0.3])
-    rows = uneven(group, (40, 13, 7, 25))
-    known = {"R_sensor_guess": guess}
-    expected = solve_disk(R[rows], T[rows], chords[rows], 50, **known)
-    for _ in range(5):
-        k = rng.permutation(rows)
-        swapped = rng.integers(2, size=(len(k), 1, 1))
-        tips = np.where(swapped, chords[k, ::-1], chords[k])
-        found = solve_disk(R[k], T[k], tips, 50, **known, group=group[k])
-        assert_same(found, expected)
-
-
 @pytest.mark.parametrize("heights", ["published", "regression"])
 def test_a_disk_without_noise_is_exact_in_any_order_and_with_any_steps(heights):
+    """Of poses and of the tips of each chord, by a rough guess, in groups that are
+    given or found.
+    """
     rng = default_rng(7)
     for seed in range(20):
-        scene, (R, T, chords, _) = disk_rows(seed, 0.0)
+        scene = random_scene("disk", default_rng(seed))
+        R, T, chords, group = arrays(scene)
         rows = rng.permutation(len(T))[:100]
-        given = R[rows], T[rows], chords[rows]
-        found = solve_disk(*given, 50, scene.R_sensor, heights=heights)
+        swapped = rng.integers(2, size=(100, 1, 1))
+        tips = np.where(swapped, chords[rows, ::-1], chords[rows])
+        known = {"heights": heights, "group": group[rows] if seed % 2 else None}
+        guess = scene.R_sensor @ rotations([0.1, -0.05, 0.15])
+        found = solve_disk(R[rows], T[rows], tips, 50, guess, **known)
         assert off(found, scene) < 1e-7
 
 

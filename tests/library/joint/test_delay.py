@@ -9,7 +9,7 @@ from itertools import cycle, product
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from simulated import error_of
+from simulated import error_of, state_of
 
 import profilecal as pc
 from profilecal.calibration.observe import observe_all
@@ -18,7 +18,6 @@ from profilecal.joint.error_sizes import average, likeliest
 from profilecal.joint.prior import USUAL, Prior
 from profilecal.joint.problem import Problem
 from profilecal.simulation.spec import truth_of
-from profilecal.targets.observations import State
 
 SMALL = {"sweeps": 8, "profiles": 20}
 EXACT = {"resolution": 0.0, "quantum": 1e-6}
@@ -42,14 +41,11 @@ def driven(kind="edge", pattern="weave", seed=1, **entries):
     )
 
 
-def problem_of(scan, delay_ms=0.0):
-    """Its least squares and the true state, so much off the true delay."""
+def problem_of(scan):
+    """Its least squares, at the true delay, and the true state."""
     _, observed, _ = observe_all([scan])
-    truth = truth_of(scan)
-    placed = tuple(part[None] for part in truth.target.frame)
-    state = State(truth.pose[None, :3, :3], truth.pose[None, :3, 3], (placed,))
-    problem = Problem(observed, Noise(0.05))
-    return problem.later((scan.truth["delay_ms"] + delay_ms) / 1000), state
+    problem = Problem(observed, Noise(0.05)).later(scan.truth["delay_ms"] / 1000)
+    return problem, state_of(truth_of(scan))
 
 
 @pytest.mark.parametrize(("kind", "mount"), MOUNTED)

@@ -27,19 +27,6 @@ from profilecal_papers.monte_carlo import estimate
 NOISE = Noise(SIGMA)
 
 
-def scipy_solution(residual, unknowns: int):
-    """The least squares that scipy finds from zero, with numerical derivatives."""
-    return least_squares(
-        residual,
-        np.zeros(unknowns),
-        jac="3-point",
-        x_scale="jac",
-        xtol=1e-15,
-        ftol=1e-15,
-        gtol=1e-15,
-    ).x
-
-
 def test_agrees_with_scipy_on_residuals_of_its_own():
     """Observed minus `Disk.meet`, by the sensor pose and the disk's place."""
     rng = default_rng(9)
@@ -60,7 +47,9 @@ def test_agrees_with_scipy_on_residuals_of_its_own():
         disk = Disk(centre[0] + x[6:9], normal, *seen.sizes)
         return (seen.points[0] - disk.meet(rotation, origin)).ravel() / SIGMA
 
-    x = scipy_solution(residual, 11)
+    exactly = dict.fromkeys(["xtol", "ftol", "gtol"], 1e-15)
+    start = np.zeros(11)
+    x = least_squares(residual, start, "3-point", x_scale="jac", **exactly).x
     fit = refine(Problem([seen], NOISE), scene.truth)
     assert np.abs(fit.state.translation[0] - T - x[:3]).max() < 1e-6
     assert angle_between(fit.state.rotation[0], turned(x)) < 1e-8

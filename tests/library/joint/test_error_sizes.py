@@ -10,8 +10,10 @@ from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 from scipy.special import softmax
 from scipy.stats import binom, chi2, norm, t
+from simulated import scan_of, state_of
 
 import profilecal as pc
+from profilecal.calibration.observe import observe_all
 from profilecal.geometry.noise import SMOOTH, Noise
 from profilecal.joint.descent import refine
 from profilecal.joint.error_sizes import (
@@ -26,28 +28,19 @@ from profilecal.joint.prior import (
     prior_from,
 )
 from profilecal.joint.problem import Problem
-from profilecal.simulation.robot import actual_poses
-from profilecal.simulation.scene import random_scene
-from profilecal.simulation.spec import Spec, simulate_scan
 
 TRUE = Noise(SIGMA, position_mm=0.08, orientation_deg=0.03)
 PRIOR = Prior(replace(USUAL, profile_mm=SIGMA), source="profiles")
 
 
-def edge_model(seed, names=(), systematic=None, **plan):
+def edge_model(seed, names=(), **plan):
     """The model of a simulated edge at its best fit, with errors of these names; else
     with all that can be told by default.
     """
-    rng = default_rng(seed)
-    scene = random_scene("edge", rng, **plan)
-    R, T = actual_poses(*scene.poses, TRUE, rng)
-    planes = scene.planes(R.reshape(-1, 3, 3), T.reshape(-1, 3))
-    points = scene.target.meet(*planes)[None, :, None, :]
-    points = points + SIGMA * rng.normal(size=points.shape)
-    seen = replace(scene.observations, points=points)
+    scan, truth = pc.simulate("edge", seed, noise=vars(TRUE), **plan)
     noise = Noise(SIGMA) if names else Noise(SIGMA, accuracy_mm=0.3, accuracy_deg=0.03)
-    problem = Problem([seen], noise, systematic)
-    state = refine(problem, scene.truth).state
+    problem = Problem(observe_all([scan])[1], noise)
+    state = refine(problem, state_of(truth)).state
     return problem.model(state, names or [*problem.groups.distinguishable, SMOOTH])
 
 
@@ -181,8 +174,7 @@ def test_a_region_holds_over_all_sizes():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_sign_of_a_decomposition_decides_a_calibration(kind, monkeypatch):
-    noise = replace(TRUE, profile_mm=SIGMA)
-    scan = simulate_scan(Spec(kind, seed=2, groups=8, positions=3, noise=noise))
+    scan = scan_of(kind, seed=2, groups=8, positions=3, noise=vars(TRUE))
     expected = pc.calibrate(scan)
     rng = default_rng(1)
     svd, eigh = np.linalg.svd, np.linalg.eigh

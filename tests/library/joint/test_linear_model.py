@@ -61,33 +61,25 @@ class Dense:
         column of A is the derivative by time.
         """
         rng = default_rng(seed)
-        units = [1, 1, 1, 60, 60, 60]  # a degree moves as much as a millimetre
-        E = [rng.normal(size=(count, 6)) * units for count in counts]
-        Y = [rng.normal(size=(count, N + 1)) for count in counts]
-        for own in E[:5]:
-            moved = rng.normal(size=(len(own), rank)) @ rng.normal(size=(rank, 6))
-            own[:] = moved * units
+        there = np.arange(max(counts)) < counts[:, None]  # of the padded residuals
+        units = np.array([1, 1, 1, 60, 60, 60])  # a degree moves as much as a mm
+        E = rng.normal(size=(*there.shape, 6))
+        moved_alike = rng.normal(size=(5, max(counts), rank))
+        E[:5] = moved_alike @ rng.normal(size=(5, rank, 6))
+        Y = rng.normal(size=(*there.shape, N + 1))
         clock = 0 if JITTER in names else None
         if JITTER in names:  # time moves the residuals as the flange's motion does
-            for columns, own in zip(Y, E, strict=True):
-                columns[:, 0] = 30 * own / units @ rng.normal(size=6)
+            Y[..., 0] = 30 * (E @ rng.normal(size=(len(counts), 6, 1)))[..., 0]
+        E, Y = (columns * there[..., None] for columns in (units * E, Y))
         root = rng.normal(size=(N, N))
         self.precision = root @ root.T
-        padded = [
-            np.array(
-                [np.pad(own, [(0, max(counts) - len(own)), (0, 0)]) for own in all]
-            )
-            for all in (E, Y)
-        ]
-        left = rng.normal(size=(len(counts), 6, 7)) / np.array(units)[:, None]
+        left = rng.normal(size=(len(counts), 6, 7)) / units[:, None]
         errors = Smooth(left) if smooth else None
         all_names = [*names, SMOOTH] if smooth else names
         known = all_names, self.precision, clock
-        self.model = LinearModel(*padded, counts, groups, *known, smooth=errors)
-        self.profile = np.repeat(np.arange(len(counts)), counts)  # of each residual
-        self.A, self.r = np.split(np.concatenate(Y), [N], axis=1)
-        self.r = self.r[:, 0]
-        E = np.concatenate(E)
+        self.model = LinearModel(E, Y, counts, groups, *known, smooth=errors)
+        self.profile = np.nonzero(there)[0]  # of each residual
+        self.A, self.r, E = Y[there, :N], Y[there, N], E[there]
         # what the covariance is a sum of, one for each error
         self.parts = [np.eye(len(E))]
         for name in names:

@@ -29,11 +29,6 @@ def error_of(solution: Solution, R, T):
     return pose_error(solution.rotation, solution.translation, R, T)
 
 
-def squared_error(solution: Solution, R, T) -> float:
-    """The squared error over the covariance that the solution states."""
-    return normalised_square(solution.covariance, error_of(solution, R, T))
-
-
 def mixed_with_another_edge(scene, wrong, rng):
     """The scene with points of a second edge, 10 mm away, where `wrong` (250,) says."""
     across = np.cross(scene.edge.direction, directions(rng, ()))
@@ -92,7 +87,7 @@ def test_two_targets_together_know_more_than_either_alone():
         by_ball = solve([ball], NOISE).observability.sd
         both = solve([edge, ball], NOISE)
         assert (both.observability.sd < np.minimum(by_edge, by_ball)).all()
-        squares.append(squared_error(both, *mount))
+        squares.append(normalised_square(both.covariance, error_of(both, *mount)))
     assert abs(np.mean(squares) - 6) < 3 * np.sqrt(12 / 10)
     assert len(both.placements) == 2
 

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from command import run
 from folders import edited
+from planned import TO_HAND, spec_in, worst
 from scipy.stats import chi2
 from simulated import printed_square
 
@@ -20,27 +21,8 @@ from profilecal.scan.toml import read_toml
 from profilecal.simulation.spec import Spec, simulate_scan
 from profilecal_tool.plan.task import read_task
 
-SPEC = """
-kind = "edge"
-seed = 2
-[guess]
-mount = [60, -40, 110, 170, 10, 30]
-target = [900, 50, 300]
-[noise]
-profile_mm = 0.05
-position_mm = 0.05
-orientation_deg = 0.02
-[plan]
-candidates = 500
-poses = 8
-"""
 MANY = ("poses = 8", "poses = 40")  # fewer hardly show how large the robot's errors are
 PROFILES = ("seed = 2", 'seed = 2\nmeasured = "profiles"')
-TO_HAND = (
-    ("mount = [60, -40, 110, 170, 10, 30]", "mount = [900, 0, 700, 180, 0, 0]"),
-    ("target = [900, 50, 300]", "target = [20, 0, 150]"),
-    ("seed = 2", 'seed = 2\nmount = "eye-to-hand"'),
-)
 WEAK = Spec(
     kind="edge",
     seed=3,
@@ -48,22 +30,6 @@ WEAK = Spec(
     groups=5,
     noise=Noise(profile_mm=0.05, position_mm=0.05),
 )
-
-
-def spec_in(folder, *changes):
-    """A specification in a folder, with changes."""
-    text = SPEC
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    (folder / "spec.toml").write_text(text)
-    return folder / "spec.toml"
-
-
-def worst(output):
-    """The predicted worst standard deviations, mm and degrees."""
-    numbers = re.search(r"worst +([\d.]+) mm and ([\d.]+)°", output)
-    return np.array(numbers.groups(), dtype=float)
 
 
 def stated_worst(answer):

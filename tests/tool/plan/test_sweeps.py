@@ -5,68 +5,45 @@ import re
 import numpy as np
 import pytest
 from command import run
+from planned import TO_HAND, spec_in, worst
 
 import profilecal as pc
 from profilecal_tool.plan.task import read_task
 
-SPEC = """
-kind = "{kind}"
-seed = 2
-mount = "{mount}"
-[guess]
-mount = [{sensor}]
-target = [{target}]
-[noise]
-profile_mm = 0.05
-[motion]
-delay_ms = -80.0
-sweeps = 16
-profiles = 12
-[plan]
-candidates = 200
-"""
-PLACES = {
-    "eye-in-hand": ("60, -40, 110, 170, 10, 30", "900, 50, 300"),
-    "eye-to-hand": ("900, 0, 700, 180, 0, 0", "20, 0, 150"),
-}
+ROBOT = "position_mm = 0.05\norientation_deg = 0.02\n"
+MOTION = "[motion]\ndelay_ms = -80.0\nsweeps = 16\nprofiles = 12\n"
+IN_MOTION = (ROBOT, MOTION), ("500\nposes = 8", "200")
 
 
-@pytest.mark.parametrize(
-    ("kind", "mount"), [("edge", "eye-to-hand"), ("ball", "eye-in-hand")]
-)
-def test_planned_sweeps_give_what_is_predicted(tmp_path, kind, mount):
-    sensor, target = PLACES[mount]
-    text = SPEC.format(kind=kind, mount=mount, sensor=sensor, target=target)
-    (tmp_path / "spec.toml").write_text(text)
-    said = run("plan", tmp_path / "spec.toml", tmp_path / "plan").stdout
+@pytest.mark.parametrize("change", [TO_HAND, [('"edge"', '"ball"')]], ids=len)
+def test_planned_sweeps_give_what_is_predicted(tmp_path, change):
+    spec = spec_in(tmp_path, *IN_MOTION, *change)
+    said = run("plan", spec, tmp_path / "plan").stdout
     count = int(re.search(r"sweeps +(\d+), driven there and back", said)[1])
     assert 8 <= count <= 16  # lines that leave the limits are left out
-    mm, deg = re.search(r"worst +([\d.]+) mm and ([\d.]+)°", said).groups()
+    mm, deg = worst(said)
     run("simulate", tmp_path / "plan" / "simulate.toml", tmp_path / "scan")
     scan = pc.read_scan(tmp_path / "scan")
     found = pc.calibrate(scan)
     assert found.status == "ok"
     solution = found.solution
     assert abs(-80 - 1e3 * solution.delay_s) < 4e3 * solution.delay_sd_s < 4
-    for part, predicted in ((slice(3), mm), (slice(3, 6), np.radians(float(deg)))):
+    for part, predicted in ((slice(3), mm), (slice(3, 6), np.radians(deg))):
         stated = np.sqrt(np.linalg.norm(solution.covariance[part, part], 2))
-        assert 2 / 3 < stated / float(predicted) < 3 / 2
+        assert 2 / 3 < stated / predicted < 3 / 2
 
 
 def test_sweeps_are_as_many_as_it_takes_and_limits_cost_some(tmp_path):
-    sensor, target = PLACES["eye-in-hand"]
-    text = SPEC.format(kind="edge", mount="eye-in-hand", sensor=sensor, target=target)
-    spec = tmp_path / "spec.toml"
-    spec.write_text(text)
+    spec = spec_in(tmp_path, *IN_MOTION)
     plans = [read_task(spec, until=wish).plan() for wish in ((0.6, 0.4), (0.2, 0.15))]
     assert not any(plan.falls_short for plan in plans)
     assert len(plans[0].T) < len(plans[1].T)
-    spec.write_text(text + "low = [880, -60, 380]\n")
+    spec_in(tmp_path, *IN_MOTION, ("[plan]", "[plan]\nlow = [880, -60, 380]"))
     plan = read_task(spec, poses=6).plan()
     lines = 6 - sum(int(why.split()[0]) for why in plan.left_out)
     assert 4 * lines == len(plan.T) < 24
-    few = text.replace("candidates = 200\n", "")
-    spec.write_text(few + "low = [880, -60, 419]\nhigh = [2000, 60, 420]\n")
+    flat = "low = [880, -60, 419]\nhigh = [2000, 60, 420]"
+    spec_in(tmp_path, *IN_MOTION, ("candidates = 200", flat))
     said = run("plan", spec, "--poses", "3").output
     assert "no straight sweep fits within the limits" in said
     assert "are outside the box" in said
@@ -74,10 +51,8 @@ def test_sweeps_are_as_many_as_it_takes_and_limits_cost_some(tmp_path):
 
 @pytest.mark.parametrize("rows", [1, 3])
 def test_poses_that_are_no_ends_of_sweeps_are_refused(tmp_path, rows):
-    sensor, target = PLACES["eye-in-hand"]
-    text = SPEC.format(kind="edge", mount="eye-in-hand", sensor=sensor, target=target)
-    (tmp_path / "spec.toml").write_text(text.replace("seed", 'poses = "p.csv"\nseed'))
+    spec = spec_in(tmp_path, *IN_MOTION, ("seed", 'poses = "p.csv"\nseed'))
     lines = [f"{k},{900 + 5 * k},50,400,180,0,0" for k in range(rows)]
     (tmp_path / "p.csv").write_text("\n".join(["pose,x,y,z,w,p,r", *lines]))
-    said = run("simulate", tmp_path / "spec.toml", tmp_path / "scan").output
+    said = run("simulate", spec, tmp_path / "scan").output
     assert "p.csv: expected two rows for each sweep" in said

@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from scipy.stats import binom
-from simulated import scan_of
+from simulated import scan_of, with_values
 
 from profilecal.calibration.calibrate import calibrate
 from profilecal.geometry.noise import Noise
@@ -61,10 +61,9 @@ def test_scans_say_first_that_they_are_not_enough_and_what_to_add(plan, first):
 
 def test_several_scans_and_rejected_poses_are_named():
     edge = simulate_scan(EDGE)
-    values = list(edge.values)
-    values[10] = values[10] + 5
-    values[20] = values[20][:0]
-    text = report_on(replace(edge, values=tuple(values)), simulate_scan(BALL))
+    wrong = with_values(edge, lambda rows: rows + 5, [10])
+    wrong = with_values(wrong, lambda rows: rows[:0], [20])
+    text = report_on(wrong, simulate_scan(BALL))
     first = re.search(r"middle of what was seen is known to (\S+) mm", text)[1]
     below = re.search(r"points +known to (\S+) mm in the middle", text)[1]
     assert first == below
