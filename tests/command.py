@@ -17,9 +17,17 @@ def run(*arguments) -> Result:
 
 def write_notebook(path: Path, parameters: str, *codes: str) -> Path:
     """Write a notebook with a cell of parameters and cells of code."""
-    cells = [code_cell("c0", parameters, ["parameters"])]
-    for number, code in enumerate(codes, 1):
-        cells.append(code_cell(f"c{number}", code, []))
+    cells = [
+        {
+            "cell_type": "code",
+            "id": f"c{number}",
+            "metadata": {"tags": [] if number else ["parameters"]},
+            "source": source,
+            "execution_count": None,
+            "outputs": [],
+        }
+        for number, source in enumerate([parameters, *codes])
+    ]
     notebook = {
         "cells": cells,
         "metadata": {"kernelspec": KERNEL},
@@ -28,15 +36,3 @@ def write_notebook(path: Path, parameters: str, *codes: str) -> Path:
     }
     path.write_text(json.dumps(notebook))
     return path
-
-
-def code_cell(name: str, source: str, tags: list[str]) -> dict:
-    """A cell of code that was not executed."""
-    return {
-        "cell_type": "code",
-        "id": name,
-        "metadata": {"tags": tags},
-        "source": source,
-        "execution_count": None,
-        "outputs": [],
-    }

@@ -13,6 +13,7 @@ from profilecal.targets.observations import State
 from profilecal_papers.batches import stack
 
 KINDS = list(TARGETS)
+IN_PROFILES = [kind for kind in KINDS if "profiles" in TARGETS[kind].tables]
 SMALL = {"disk": {"positions": 20}}
 SIGMA = 0.05
 KNOWN = Noise(SIGMA, steering_mm=0.2)

@@ -15,6 +15,7 @@ from profilecal.simulation.spec import truth_of
 from profilecal.targets.observations import State
 
 SCANNER = {"noise_mm": 0.06}  # of raw profiles; 0.05 is stated
+ERRING = {"profile_mm": 0.05, "position_mm": 0.05, "orientation_deg": 0.02}
 EXACT_SCANNER = vars(Systematic())  # and target
 
 

@@ -15,10 +15,8 @@ from corruptions import CORRUPTIONS, Folder
 from numpy.random import default_rng
 from simulated import error_of
 
-from profilecal.calibration.calibrate import calibrate
+import profilecal as pc
 from profilecal.geometry.noise import normalised_square
-from profilecal.scan.folder import read_scan
-from profilecal.scan.tables import ScanError
 from profilecal_tool.checking import check
 
 COUNT = int(os.environ.get("PROFILECAL_FUZZ", len(CORRUPTIONS)))
@@ -45,12 +43,12 @@ def outcome(path, truth, checking):
     thing too.
     """
     try:
-        scan = read_scan(path)
+        scan = pc.read_scan(path)
         if checking:
             lines = check(scan)
             assert all("\n" not in line for line in lines), lines
-        found = calibrate([scan])
-    except ScanError as error:
+        found = pc.calibrate(scan)
+    except pc.ScanError as error:
         sentence = str(error)
         assert "\n" not in sentence, sentence
         assert 10 < len(sentence) < 600, sentence

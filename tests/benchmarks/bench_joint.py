@@ -1,7 +1,6 @@
 """The joint calibration against scipy's least_squares, and from files to result."""
 
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,6 @@ from profilecal.joint.prior import prior_from
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
 from profilecal.simulation.scene import random_scene
-from profilecal.simulation.spec import Spec, simulate_scan, truth_of
 from profilecal.targets.observations import State
 from profilecal_papers.monte_carlo import estimate
 
@@ -66,9 +64,8 @@ def scan_row(name: str, kind: str, measured: str, most: float) -> dict:
     rejection and conclusions, 4. A ball's search has 60 rotations. For 60 poses nearly
     all of it is what calls of NumPy cost, some 14,000 calls of functions in all.
     """
-    spec = Spec(kind, seed=3, groups=12, positions=5, measured=measured)
-    scan = simulate_scan(replace(spec, noise=Noise(SIGMA)))
-    truth = truth_of(scan)
+    plan = {"groups": 12, "positions": 5, "measured": measured}
+    scan, truth = pc.simulate(kind, seed=3, **plan)
     _, observed, features_mm = observe_all((scan,))
     prior = prior_from({} if features_mm else {"profile_mm": SIGMA}, features_mm)
     rng = np.random.default_rng(0)

@@ -117,13 +117,8 @@ def test_a_browser_complains_of_nothing(name, server, tmp_path):
     error in the console.
     """
     address, missed = server
-    options = [
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--dump-dom",
-        "--enable-logging=stderr",
-    ]
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"]
+    options.append("--enable-logging=stderr")
     options += [f"--user-data-dir={tmp_path}", "--virtual-time-budget=20000"]
     options += ["--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1"]
     command = [BROWSER, *options, f"{address}/{name}"]

@@ -18,10 +18,10 @@ import pytest
 from IPython.core.interactiveshell import InteractiveShell
 from IPython.utils.capture import capture_output
 from numpy.random import default_rng
+from simulated import scan_of
 from traitlets.config import Config
 
-from profilecal.scan.folder import write_scan
-from profilecal.simulation.spec import Spec, simulate_scan
+import profilecal as pc
 from profilecal_pages import figures, notebooks
 from profilecal_pages.notebooks import recorded
 from profilecal_tool.report import page
@@ -130,8 +130,8 @@ def test_other_parameters_are_lived_with_and_outcomes_recorded(path, shell):
 
 def test_the_report_is_whole_where_there_is_no_answer(tmp_path, shell):
     """And writes all of its figures."""
-    few = Spec(groups=1, positions=4)  # fewer measurements than unknowns
-    write_scan(simulate_scan(few), tmp_path / "scan")
+    few = scan_of("edge", groups=1, positions=4)  # fewer measurements than unknowns
+    pc.write_scan(few, tmp_path / "scan")
     parameters = {"scan": [str(tmp_path / "scan")], "results_dir": str(tmp_path)}
     (recorded,) = outcomes(shell, page.notebook(), parameters)
     assert recorded["status"] == "unobservable"

@@ -7,7 +7,6 @@ from numpy.testing import assert_allclose
 
 from profilecal.closed_form.edge import edge_equations
 from profilecal.geometry.noise import Noise
-from profilecal.simulation.robot import actual_poses
 from profilecal_papers import edge_study as study
 from profilecal_papers.edge_study import STANDOFF, EdgePlan
 
@@ -24,13 +23,13 @@ def solution_of(scene):
 def test_an_arc_has_its_radius_its_span_and_its_angle_with_the_edge(tilt):
     plan = {"groups": 1, "positions": 11, "radius": 25, "span_deg": 60}
     scene = scene_of(shape=(50,), tilt_deg=tilt, **plan)
-    first, *between, last = np.moveaxis(scene.poses.positions[:, 0], 1, 0)
-    chord, rise = last - first, between[4] - (first + last) / 2
-    assert_allclose(np.linalg.norm(chord, axis=-1), 25)  # as 60° have it
-    up = rise / np.linalg.norm(rise, axis=-1, keepdims=True)
-    from_centre = between - ((first + last) / 2 - 25 * np.cos(np.pi / 6) * up)
-    assert_allclose(np.linalg.norm(from_centre, axis=-1), 25)
-    normal = np.cross(chord, up) / 25
+    T = scene.poses.positions[:, 0]
+    for apart in (1, 2, 10):  # positions, 6° each
+        chords = np.linalg.norm(T[:, apart:] - T[:, :-apart], axis=-1)
+        assert_allclose(chords, 50 * np.sin(np.radians(3 * apart)))
+    normal = np.cross(T[:, 5] - T[:, 0], T[:, 10] - T[:, 0])
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    assert_allclose(np.vecdot(T - T[:, :1], normal[:, None]), 0, atol=1e-9)
     sine = np.abs(np.vecdot(normal, scene.edge.direction))
     assert_allclose(sine, np.sin(np.radians(tilt)), atol=1e-12)
 
@@ -49,21 +48,11 @@ def test_an_arc_is_held_by_its_frame_and_begins_with_the_edge_in_the_middle():
     assert np.ptp(offsets("group")[0], axis=0).max() > 10
 
 
-def test_pose_errors_have_their_sizes_and_groups_share_theirs():
-    """Each standard deviation within four of its own standard errors."""
-    groups, positions = 2000, 10
-    poses = scene_of(2, groups=groups, positions=positions).poses
-    noise = Noise(0, 0.3, 0.2, group_position_mm=0.4, group_orientation_deg=0.1)
-    R, T = actual_poses(*poses, noise, default_rng(3))
-    turn = np.degrees(R @ poses.rotations.mT[:, None])
-    turns = np.stack([turn[..., 2, 1], turn[..., 0, 2], turn[..., 1, 0]], axis=-1)
-    for error, own, shared in ((T - poses.positions, 0.3, 0.4), (turns, 0.2, 0.1)):
-        mean = error.mean(axis=1)
-        of_mean = np.hypot(shared, own / np.sqrt(positions))
-        assert mean.std() == pytest.approx(of_mean, rel=4 / np.sqrt(6 * groups))
-        freedom = 3 * groups * (positions - 1)
-        within = np.sqrt(((error - mean[:, None]) ** 2).sum() / freedom)
-        assert within == pytest.approx(own, rel=4 / np.sqrt(2 * freedom))
+def test_a_line_has_the_length_of_its_diameter():
+    T = scene_of(motion="line", radius=25).poses.positions
+    ways = np.diff(T, axis=1)
+    assert_allclose(np.linalg.norm(T[:, -1] - T[:, 0], axis=1), 50)
+    assert_allclose(np.diff(ways, axis=1), 0, atol=1e-9)
 
 
 def test_angles_are_signed_and_turn_with_a_group():

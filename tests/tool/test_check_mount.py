@@ -16,9 +16,8 @@ def test_a_log_has_a_row_a_day_and_a_picture(tmp_path):
         """What the command says of some poses, of arcs that are shifted along z."""
         arcs = np.concatenate(again.values[:poses]) + np.array([0, shift, 0])
         T = again.T_base_flange[:poses]
-        if not (tmp_path / name).exists():
-            few = pc.Scan.of("ball", T, arcs=arcs, radius=25)
-            pc.write_scan(few, tmp_path / name)
+        few = pc.Scan.of("ball", T, arcs=arcs, radius=25)
+        pc.write_scan(few, tmp_path / name)
         return run("check-mount", tmp_path / name, "--with", answer, "--log", log)
 
     assert checked("one", 3, 0, log).exit_code == 0
@@ -32,9 +31,9 @@ def test_a_log_has_a_row_a_day_and_a_picture(tmp_path):
     assert (tmp_path / "log.png").stat().st_size > 10_000
     other, picture = tmp_path / "other.csv", tmp_path / "other.png"
     other.write_text("a,b\n1,2\n")
-    assert checked("one", 3, 0, other).exit_code == 2
+    assert checked("three", 3, 0, other).exit_code == 2
     assert other.read_text() == "a,b\n1,2\n"
-    refused = checked("one", 3, 0, picture)
+    refused = checked("four", 3, 0, picture)
     assert refused.exit_code == 2
     assert f"--log is {picture}; expected a name that ends in .csv" in refused.stderr
 

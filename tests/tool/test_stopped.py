@@ -7,9 +7,6 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
-import pytest
-from numpy.random import default_rng
 from simulated import scan_of
 
 import profilecal as pc
@@ -26,20 +23,6 @@ profiles = np.random.default_rng(1).uniform(50, 90, (20, 10_000, 2))
 print("begins", flush=True)
 pc.write_scan(pc.Scan.of("plane", poses, profiles=profiles), "scan")
 """
-
-
-@pytest.fixture
-def robots_files(tmp_path):
-    """A folder of poses and profiles in one array."""
-    folder = tmp_path / "mine"
-    folder.mkdir()
-    rng = default_rng(2)
-    np.save(folder / "profiles.npy", rng.uniform(50, 90, (40, 10_000, 2)))
-    rows = ["x,y,z,qw,qx,qy,qz"]
-    for x, y, z in rng.uniform(300, 500, (40, 3)):
-        rows.append(f"{x},{y},{z},1,0,0,0")
-    (folder / "poses.csv").write_text("\n".join(rows))
-    return folder
 
 
 def stopped(command, place, how, when):
@@ -80,12 +63,13 @@ def test_a_large_scan_is_written_whole_or_not_at_all(tmp_path):
     assert os.listdir(tmp_path) == ["scan"]
 
 
-def test_import_leaves_nothing(tmp_path, robots_files):
-    command = [COMMAND, "import", robots_files, "scan", "--target", "plane"]
-    folder = tmp_path / "scan"
-    when = half_written(partial_of(folder))
+def test_a_stopped_command_leaves_nothing(tmp_path):
+    many = 'kind = "plane"\nmeasured = "profiles"\n[scanner]\npoints = 10000'
+    (tmp_path / "spec.toml").write_text(many)
+    command = [COMMAND, "simulate", "spec.toml", "scan"]
+    when = half_written(partial_of(tmp_path / "scan"))
     said = stopped(command, tmp_path, signal.SIGTERM, when)
-    assert os.listdir(tmp_path) == ["mine"]
+    assert os.listdir(tmp_path) == ["spec.toml"]
     assert said == "\nInterrupted. Nothing was written.\n"
 
 

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from raw_profiles import disks
 from scipy.stats import chi2
 from simulated import (
+    ERRING,
     EXACT_SCANNER,
     SCANNER,
     scan_of,
@@ -44,6 +45,8 @@ def test_features_of_different_precision_are_weighed():
     unit = np.median(np.sqrt(np.trace(corners, axis1=1, axis2=2) / 2))
     for observed, covariance in zip(together.observed, (corners, arcs), strict=True):
         assert_allclose(observed.covariance[0], covariance / unit**2)
+    for alone in map(pc.calibrate, scans):
+        assert (together.translation_sd_mm < alone.translation_sd_mm).all()
     assert squared_error(together) < chi2.ppf(0.9999, 6)
     assert together.poses_used[0] == "edge: g1p1"
     kinds = [target["kind"] for target in together.to_json()["target"]]
@@ -66,15 +69,16 @@ def test_where_the_view_ends_few_profiles_know_by_another_scan():
 
 def test_scans_that_do_not_belong_together_are_refused():
     scan = scan_of("edge", seed=1)
-    fixed_scanner = scan_of("edge", seed=1, mount="eye-to-hand")
-    with pytest.raises(
-        pc.ScanError, match="mount is eye-in-hand in one scan and eye-to-hand"
+    for entries, sentence in (
+        ({"mount": "eye-to-hand"}, "mount is eye-in-hand in one scan and eye-to-hand"),
+        (
+            {"noise": {"profile_mm": 0.1}},
+            r"profile_mm is 0\.05 in one scan and 0",
+        ),
+        ({"delay_ms": 3.0}, "delay_ms is None in one scan"),
     ):
-        pc.calibrate([scan, fixed_scanner])
-    noisier = replace(scan, noise={"profile_mm": 0.1})
-    two = r"profile_mm is 0\.05 in one scan and 0\.1 in another"
-    with pytest.raises(pc.ScanError, match=two):
-        pc.calibrate([scan, noisier])
+        with pytest.raises(pc.ScanError, match=sentence):
+            pc.calibrate([scan, replace(scan, **entries)])
 
 
 def test_a_scan_that_shows_nothing_is_refused():
@@ -120,10 +124,9 @@ def test_few_poses_are_kept_where_robots_err_and_one_that_is_wrong_is_not():
     """A robust fit to 14 poses comes near to most of them; what it leaves out, a
     robot's usual errors explain.
     """
-    noise = {"position_mm": 0.05, "orientation_deg": 0.02}
     squares, rejected = 0.0, 0
     for seed in range(4):
-        recorded = scan_of("edge", seed=seed, groups=14, positions=1, noise=noise)
+        recorded = scan_of("edge", seed=seed, groups=14, positions=1, noise=ERRING)
         scan = replace(recorded, noise={"profile_mm": 0.05})
         found = pc.calibrate(scan)
         squares += squared_error(found)

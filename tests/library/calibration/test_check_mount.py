@@ -5,12 +5,11 @@ from itertools import cycle
 
 import numpy as np
 import pytest
-from simulated import few, scan_of, with_values
+from simulated import ERRING, few, scan_of, with_values
 
 import profilecal as pc
 
 pytestmark = pytest.mark.usefixtures("read_rightly")
-NOISE = {"profile_mm": 0.05, "position_mm": 0.05, "orientation_deg": 0.02}
 PLANS = {  # raw profiles where a target leaves them
     "edge": {"groups": 12, "positions": 3},
     "ball": {"groups": 10, "positions": 3, "measured": "profiles"},
@@ -23,7 +22,7 @@ PLANS = {  # raw profiles where a target leaves them
 
 def scans(kind, count, seed=1, **entries):
     """Of one scanner and target; what is stated is the scanner's noise alone."""
-    plan = {"noise": NOISE} | PLANS[kind] | entries
+    plan = {"noise": ERRING} | PLANS[kind] | entries
     for number in range(1, count + 1):
         scan = scan_of(kind, seed=seed, scan=number, **plan)
         yield replace(scan, noise={"profile_mm": 0.05} if kind == "edge" else {})

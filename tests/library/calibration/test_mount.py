@@ -28,10 +28,6 @@ def of_a_tool(scan):
     return replace(scan, p_base_flange=moved[:, :3, 3])
 
 
-def from_elsewhere(scan):
-    return with_values(scan, lambda rows: rows + np.array([0, 130]))
-
-
 WRONG = {
     "the poses were of a tool whose frame is at about ": of_a_tool,
     "z of the profiles were negated": lambda scan: with_values(
@@ -40,7 +36,9 @@ WRONG = {
     "x and z of the profiles were exchanged": lambda scan: with_values(
         scan, lambda rows: rows[:, ::-1]
     ),
-    "z of the profiles were about +": from_elsewhere,
+    "z of the profiles were about +": lambda scan: with_values(
+        scan, lambda rows: rows + np.array([0, 130])
+    ),
 }
 
 

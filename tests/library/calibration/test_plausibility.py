@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from many_scenes import IN_PROFILES
 from numpy.random import default_rng
 from scipy.stats import chi2
-from simulated import error_of, scan_of, squared_error, with_values
+from simulated import ERRING, error_of, scan_of, squared_error, with_values
 
 import profilecal as pc
 from profilecal.calibration.doubts import doubts
@@ -64,13 +65,9 @@ def moved_at_random(scan, sd_mm, seed):
     return moved(scan, sd_mm * shifts)
 
 
-def steps(scan):
-    """From 0 at the first pose to 1 at the last: (P, 1)."""
-    return np.linspace(0, 1, len(scan.labels))[:, None]
-
-
 def drifting(scan):
-    return moved(scan, [0.8, 0, 0] * steps(scan))  # the sd of what is found is 0.17
+    """From the first pose to the last; the sd of what is found is 0.17."""
+    return moved(scan, np.linspace(0, [0.8, 0, 0], len(scan.labels)))
 
 
 def scaled_robot(scan):
@@ -84,6 +81,8 @@ def scaled_axis(scan):
 SCALED = deformed([[1.01, 0], [0, 1.01]])
 SCALED_X = deformed([[0.995, 0], [0, 1]])
 SCALED_Z = deformed([[1, 0], [0, 1.01]])
+SHEARED = deformed([[1, 0], [0.01, 1]])
+SCALED_Z_AND_SHEARED = deformed([[1, 0], [0.01, 1.01]])
 ENLARGED = "the covariance is enlarged to match"
 ALLOWED = "allow for that already, and hold for data that are corrected for it"
 WRONG = [
@@ -161,24 +160,12 @@ def test_many_rejected_poses_are_doubted():
     assert "poses contradict the others" in said(found)
 
 
-def enlarged(rows):
-    return rows * [1, 1.01]
-
-
-def sheared(rows):
-    return rows + 0.01 * np.outer(rows[:, 1], [1, 0])
-
-
-def enlarged_and_sheared(rows):
-    return sheared(enlarged(rows))
-
-
 @pytest.mark.parametrize(
     ("wrong", "words", "poor"),
     [
-        (enlarged, "profiles' z were too large", [1]),
-        (sheared, "x grew with z", [2]),
-        (enlarged_and_sheared, "x grew with z", [0, 1, 2, 3]),
+        (SCALED_Z, "profiles' z were too large", [1]),
+        (SHEARED, "x grew with z", [2]),
+        (SCALED_Z_AND_SHEARED, "x grew with z", [0, 1, 2, 3]),
     ],
 )
 def test_a_scanner_that_errs_more_than_usual_is_allowed_for_and_named(
@@ -188,11 +175,10 @@ def test_a_scanner_that_errs_more_than_usual_is_allowed_for_and_named(
     and says so, and what is right counts as usual where one error explains all.
     """
     plan = {"groups": 9, "positions": 2, "measured": "profiles"}
-    noise = {"profile_mm": 0.05, "position_mm": 0.05, "orientation_deg": 0.02}
     said, inside, chances = 0, 0, []
     for seed in range(8):
-        scan = scan_of("ball", seed=seed, noise=noise, **plan)
-        found = pc.calibrate(replace(with_values(scan, wrong), noise={}))
+        scan = scan_of("ball", seed=seed, noise=ERRING, **plan)
+        found = pc.calibrate(replace(wrong(scan), noise={}))
         said += bool(re.search(words, " ".join(found.messages)))
         inside += squared_error(found) < 12.6
         chances.append([*poor_errors(found.solution).values()])
@@ -202,7 +188,7 @@ def test_a_scanner_that_errs_more_than_usual_is_allowed_for_and_named(
     assert np.flatnonzero(likely[:4]).tolist() == poor
 
 
-@pytest.mark.parametrize("kind", ["edge", "plane", "ball", "disk", "rod"])
+@pytest.mark.parametrize("kind", IN_PROFILES)
 def test_swapped_columns_are_asked_about_which_no_residual_shows(kind):
     scan = scan_of(kind, seed=4, measured="profiles", groups=9, positions=2)
     swapped = with_values(scan, lambda rows: rows[:, ::-1])

@@ -6,13 +6,12 @@ from itertools import cycle
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from simulated import calibration_of, scan_of, with_values
+from simulated import ERRING, calibration_of, scan_of, with_values
 
 import profilecal as pc
 from profilecal.calibration.plausibility import systematic_tests
 
 pytestmark = pytest.mark.usefixtures("read_rightly")
-ERRING = {"profile_mm": 0.05, "position_mm": 0.05, "orientation_deg": 0.02}
 PLANS = {
     "edge": {"groups": 12, "positions": 5, "measured": "profiles"},
     "ball": {"groups": 8, "positions": 3},

@@ -4,13 +4,11 @@ from itertools import product
 import numpy as np
 import pytest
 from numpy.random import default_rng
-from numpy.testing import assert_allclose
 
 from profilecal.closed_form import edge
 from profilecal.closed_form.edge import edge_equations, solve_edge
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import angle_between
 from profilecal_papers.edge_study import (
     EdgePlan,
     edge_scenes,
@@ -37,31 +35,17 @@ def all_pairs(R_b, T_b, p_s):
     return edge.pair_equations(R_b, *edge.difference_vectors(T_b, p_s))[0]
 
 
-def test_noise_free_data_give_the_sensor_pose_back():
-    rng = default_rng(1)
-    for plan in (SPACE, EdgePlan()):
-        scene = edge_scenes(plan, Noise(), rng, (200,))
-        solution = edge_equations(*data(scene))
-        assert np.degrees(angle_between(solution.R_sensor, scene.R_sensor)).max() < 1e-9
-        assert np.linalg.norm(solution.T_sensor - scene.T_sensor, axis=-1).max() < 1e-9
-        along = np.vecdot(solution.u_b, scene.edge.direction)
-        assert_allclose(np.abs(along), 1, rtol=1e-12)
-        from_point = solution.p_b - scene.edge.point[:, None, None]
-        from_edge = np.cross(from_point, scene.edge.direction[:, None, None])
-        assert np.abs(from_edge).max() < 1e-9
-
-
-RANKS = [  # of A_r and A_t, for one, two, three and ten groups
-    ({"positions": 3}, [(3, 0), (6, 2), (9, 3), (9, 3)]),
-    ({"motion": "space", "positions": 4}, [(7, 0), (9, 2), (9, 3), (9, 3)]),
-    ({"tilt_deg": 0.0}, [(2, 0), (4, 2), (6, 3), (6, 3)]),
-    ({"motion": "space", "one_axis": True}, [(7, 0), (9, 2), (9, 2), (9, 2)]),
+RANKS = [  # of A_r and A_t, for one, two and ten groups
+    ({"positions": 3}, [(3, 0), (6, 2), (9, 3)]),
+    ({"motion": "space", "positions": 4}, [(7, 0), (9, 2), (9, 3)]),
+    ({"tilt_deg": 0.0}, [(2, 0), (4, 2), (6, 3)]),
+    ({"motion": "space", "one_axis": True}, [(7, 0), (9, 2), (9, 2)]),
 ]
 
 
 @pytest.mark.parametrize(("motion", "expected"), RANKS)
 def test_rank_of_the_two_systems(motion, expected):
-    for groups, ranks in zip((1, 2, 3, 10), expected, strict=True):
+    for groups, ranks in zip((1, 2, 10), expected, strict=True):
         plan = EdgePlan(groups=groups, **motion)
         scene = edge_scenes(plan, Noise(), default_rng(4), (20,))
         solution = edge_equations(*data(scene))

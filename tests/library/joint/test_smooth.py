@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from many_scenes import IN_PROFILES
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from scipy.linalg import lstsq
-from scipy.spatial.transform import Rotation
 from simulated import calibration_of
 
-from profilecal.geometry.poses import carry, inverse, rotations
+from profilecal.geometry.poses import carry, inverse, pose_error, rotations
 from profilecal.joint.residuals import Residuals
 from profilecal.joint.smooth import REACH_MM, VIEW_MM, shifting, smooth_errors
 
@@ -43,13 +43,6 @@ def view(poses, sensor):
     return R @ R_sensor, carry(R, T, R_sensor @ SEEN + T_sensor)
 
 
-def motion(before, after):
-    """By how much views have moved (P, 6), about the sensor's axes."""
-    (R, p), (R_after, p_after) = before, after
-    turn = Rotation.from_matrix(R.mT @ R_after).as_rotvec()
-    return np.hstack([(R.mT @ (p_after - p)[..., None])[..., 0], turn])
-
-
 def test_steps_of_mount_and_base_move_the_view_as_moved_frames_do():
     errors, poses, (R_sensor, T_sensor) = some_errors()
     rigid, *_ = of_view(errors)
@@ -58,10 +51,10 @@ def test_steps_of_mount_and_base_move_the_view_as_moved_frames_do():
     for k, step in enumerate(np.eye(6) * tiny):
         turned, shift = rotations(step[3:]), step[:3]
         mount = R_sensor @ turned, T_sensor + R_sensor @ shift
-        by_mount = motion(before, view(poses, mount)) / tiny
+        by_mount = pose_error(*before, *view(poses, mount)) / tiny
         assert_allclose(rigid[..., k], by_mount, atol=1e-3)
         base = turned @ R, T @ turned.T + shift
-        by_base = motion(before, view(base, (R_sensor, T_sensor))) / tiny
+        by_base = pose_error(*before, *view(base, (R_sensor, T_sensor))) / tiny
         assert_allclose(rigid[..., 6 + k], by_base, atol=2e-3)
 
 
@@ -80,7 +73,7 @@ def test_what_a_mount_and_a_base_take_up_is_left_out():
     assert_allclose(left, moved - rigid @ steps, atol=1e-9)
 
 
-@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane", "rod"])
+@pytest.mark.parametrize("kind", IN_PROFILES)
 def test_the_middle_of_what_a_pose_sees_is_where_the_target_is(kind):
     """In a ball's centre and on a rod's axis, which lie deeper than their points."""
     solution = calibration_of(kind, seed=1, measured="profiles").solution

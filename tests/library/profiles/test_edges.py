@@ -6,8 +6,8 @@ from finding import features_of, normalised, shapes_found, share_found
 from numpy.random import default_rng
 from raw_profiles import balls, scan, turned
 
+import profilecal as pc
 from profilecal.simulation.robot import Scanner
-from profilecal.simulation.spec import Spec, simulate_scan, truth_of
 
 
 @pytest.mark.parametrize(
@@ -27,15 +27,12 @@ def test_a_perfect_plane_has_no_edge_nor_has_a_step_where_the_profile_ends(z):
 
 def test_where_both_ends_of_a_face_show_the_corner_tells_which_is_the_edge():
     """A narrow bar in front of nothing, its side face seen from few poses."""
-    scanner = Scanner(points=300)
-    plan = {"groups": 10, "positions": 4}
-    spec = Spec(measured="profiles", seed=502, scanner=scanner, **plan)
-    scan = simulate_scan(spec)
+    plan = {"groups": 10, "positions": 4, "scanner": vars(Scanner(points=300))}
+    scan, truth = pc.simulate("edge", seed=502, measured="profiles", **plan)
     features = features_of("edge", scan.values)
     assert shapes_found(features) == {"corner"}
     assert 0.2 < share_found(features) < 0.5
 
-    truth = truth_of(scan)
     T_base_sensor = scan.T_base_flange @ truth.pose
     rotation, origin = T_base_sensor[:, :3, :3], T_base_sensor[:, :3, 3]
     points = truth.target.meet(rotation, origin)[:, None]

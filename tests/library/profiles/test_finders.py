@@ -13,11 +13,11 @@ from finding import (
     shapes_found,
     share_found,
 )
+from many_scenes import IN_PROFILES
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from raw_profiles import RADIUS, balls, disks, edges, planes, rods, spoil, tables
 
-KINDS = ["edge", "disk", "ball", "plane", "rod"]
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "60"))
 EVERYWHERE = np.full((250, 1, 2), np.inf)  # a target that no spoiling leaves alone
 
@@ -144,7 +144,7 @@ IN_FRONT_OF_NOTHING = {
 
 
 @pytest.mark.parametrize("way", WRITTEN)
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", IN_PROFILES)
 def test_it_does_not_matter_how_a_file_is_written(kind, way):
     rng = default_rng(6)
     profiles = IN_FRONT_OF_NOTHING[kind](rng)
@@ -189,7 +189,7 @@ NOTHING = [
 ]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", IN_PROFILES)
 def test_whatever_is_in_a_profile_gives_a_feature_or_a_reason(kind):
     """Warnings are errors here: no division by zero either."""
     rng = default_rng(10)

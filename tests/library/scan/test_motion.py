@@ -178,12 +178,6 @@ def test_numpys_numbers_and_names_are_written_as_others(tmp_path):
     assert_same(made, pc.read_scan(tmp_path / "scan"))
 
 
-def test_scans_of_several_delays_do_not_belong_together():
-    scan = in_motion()
-    with pytest.raises(pc.ScanError, match="delay_ms is None in one scan"):
-        pc.calibrate([scan, replace(in_motion("plane"), delay_ms=3.0)])
-
-
 def test_a_log_has_times_though_the_robot_has_an_angle_t(tmp_path):
     """The orientations become quaternions."""
     scan = in_motion(motion=SWEEPS | {"stops": 2})

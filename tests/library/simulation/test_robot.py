@@ -1,8 +1,10 @@
 """What a robot's errors do to simulated scans: which measurements share them."""
 
 import numpy as np
+import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between, inverse, rotations
@@ -28,6 +30,22 @@ def test_repeats_share_the_error_of_their_pose_and_not_the_noise_of_the_scanner(
     assert scan.group.tolist() == np.repeat([0, 1, 2], 12).tolist()
     noisy, _ = points(Noise(profile_mm=0.1), repeats=2)
     assert np.abs(noisy[::2] - noisy[1::2]).min() > 0
+
+
+def test_pose_errors_have_their_sizes_and_groups_share_theirs():
+    """Each standard deviation within four of its own standard errors."""
+    groups, positions = 2000, 10
+    noise = Noise(0, 0.3, 0.2, group_position_mm=0.4, group_orientation_deg=0.1)
+    none = np.zeros((groups, positions, 3))
+    R, shifts = actual_poses(rotations(none[:, 0]), none, noise, default_rng(3))
+    turns = Rotation.from_matrix(R).as_rotvec(degrees=True)
+    for error, own, shared in ((shifts, 0.3, 0.4), (turns, 0.2, 0.1)):
+        mean = error.mean(axis=1)
+        of_mean = np.hypot(shared, own / np.sqrt(positions))
+        assert mean.std() == pytest.approx(of_mean, rel=4 / np.sqrt(6 * groups))
+        freedom = 3 * groups * (positions - 1)
+        within = np.sqrt(((error - mean[:, None]) ** 2).sum() / freedom)
+        assert within == pytest.approx(own, rel=4 / np.sqrt(2 * freedom))
 
 
 def test_an_arm_errs_alike_wherever_it_meets_a_pose_again():

@@ -6,17 +6,6 @@ from command import run
 import profilecal as pc
 
 
-def test_simulate_writes_a_scan_that_calibrates_to_its_truth(tmp_path):
-    spec = tmp_path / "spec.toml"
-    spec.write_text(
-        'kind = "disk"\nseed = 4\nconvention = "KUKA angles"\n'
-        "[noise]\nprofile_mm = 0.02\n"
-    )
-    assert run("simulate", spec, tmp_path / "scan").exit_code == 0
-    assert (tmp_path / "scan" / "truth.toml").exists()
-    assert run("calibrate", tmp_path / "scan").exit_code == 0
-
-
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [

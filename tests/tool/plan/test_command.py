@@ -12,24 +12,15 @@ from command import run
 from folders import edited
 from planned import TO_HAND, spec_in, worst
 from scipy.stats import chi2
-from simulated import printed_square
+from simulated import printed_square, scan_of
 
 import profilecal as pc
-from profilecal.geometry.noise import Noise
-from profilecal.scan.folder import write_scan
 from profilecal.scan.toml import read_toml
-from profilecal.simulation.spec import Spec, simulate_scan
 from profilecal_tool.plan.task import read_task
 
 MANY = ("poses = 8", "poses = 40")  # fewer hardly show how large the robot's errors are
 PROFILES = ("seed = 2", 'seed = 2\nmeasured = "profiles"')
-WEAK = Spec(
-    kind="edge",
-    seed=3,
-    spread_deg=2,
-    groups=5,
-    noise=Noise(profile_mm=0.05, position_mm=0.05),
-)
+WEAK = {"seed": 3, "spread_deg": 2, "groups": 5, "noise": {"position_mm": 0.05}}
 
 
 def stated_worst(answer):
@@ -97,7 +88,7 @@ def test_a_plan_says_what_to_do_with_it(tmp_path):
 def test_a_weak_scan_is_told_which_poses_would_help_and_given_them(tmp_path):
     scan = tmp_path / "scan"
     more = tmp_path / "more"
-    write_scan(simulate_scan(WEAK), scan)
+    pc.write_scan(scan_of("edge", **WEAK), scan)
     answer = run("calibrate", scan).output
     count, command = re.search(
         r"(\d+) poses more would give [\d.]+ mm and [\d.]+°: (.+)", answer
@@ -119,7 +110,7 @@ def test_a_plan_goes_on_from_a_scan_that_is_ok_with_an_error_and_a_pose_left_out
     poses[4, 2, 3] += 5
     first, more = tmp_path / "first", tmp_path / "more"
     points = np.concatenate(scan.values) * [1, 1.01]
-    write_scan(pc.Scan.of("edge", poses, points=points), first)
+    pc.write_scan(pc.Scan.of("edge", poses, points=points), first)
     answer = json.loads(run("calibrate", first, "--json").output)
     assert answer["status"] == "ok"
     assert answer["poses_rejected"] == ["5"]
@@ -132,18 +123,17 @@ def test_a_plan_goes_on_from_a_scan_that_is_ok_with_an_error_and_a_pose_left_out
 def test_a_plan_after_a_scan_counts_with_the_robot_errors_that_it_shows(tmp_path):
     predicted = []
     for position_mm in (0.02, 0.5):
-        noise = Noise(profile_mm=0.05, position_mm=position_mm)
-        scan = simulate_scan(Spec(kind="edge", seed=3, positions=3, noise=noise))
-        unstated = replace(scan, noise={})
+        noise = {"position_mm": position_mm}
+        scan = scan_of("edge", seed=3, positions=3, noise=noise)
         folder = tmp_path / f"{position_mm}"
-        write_scan(unstated, folder)
+        pc.write_scan(replace(scan, noise={}), folder)
         predicted.append(read_task(folder, poses=3).plan().predicted.mm)
     assert predicted[1] > 4 * predicted[0]
 
 
 def test_an_open_scan_is_planned_from_a_specification(tmp_path):
-    spec = Spec(kind="edge", seed=3, spread_deg=0, groups=1, positions=20)
-    write_scan(simulate_scan(spec), tmp_path / "scan")
+    scan = scan_of("edge", seed=3, spread_deg=0, groups=1, positions=20)
+    pc.write_scan(scan, tmp_path / "scan")
     refused = run("plan", tmp_path / "scan")
     assert refused.exit_code == 2
     assert refused.stderr.startswith("profilecal: the scan leaves the mount open, or")
@@ -216,7 +206,7 @@ def test_only_after_a_scan_a_specification_says_where_the_robot_may_go(tmp_path)
     assert result.exit_code == 2
     assert "spec.toml is no scan folder; expected one" in result.output
     scan, more = tmp_path / "scan", tmp_path / "more"
-    write_scan(simulate_scan(WEAK), scan)
+    pc.write_scan(scan_of("edge", **WEAK), scan)
     result = run("plan", scan, "--within", scan)
     assert result.exit_code == 2
     assert "scan: not a file" in result.output
@@ -233,7 +223,7 @@ WISHES = [
     (PLANNED, "pose = 8", "unknown entry 'pose' in [plan]; there are poses"),
     (PLANNED, "low = [0, 0, 9]\nhigh = [9, 9, 0]", "the box is empty along z"),
     (PLANNED, "until = [0.1, 0]", "expected mm and degrees, both positive"),
-    (PLANNED, "low = [0, 0, 0]\nhigh = [9, 9, 9]", "are outside the box"),
+    (PLANNED, "low = [0, 0, 0]\nhigh = [9, 9, 9]", "are outside the box. Widen"),
     (PLANNED, "poses = 3000", "3000 in [plan]; expected a whole number, 0 to 1000"),
     (PLANNED, "tilt_deg = 0\nspin_deg = 0", "1° or more from those of the 1 chosen"),
     (PLANNED, "avoid = [[900, 0, 600, -80]]", "expected a list of zones, each x, y, z"),

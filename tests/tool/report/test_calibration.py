@@ -10,19 +10,9 @@ from scipy.stats import binom
 from simulated import scan_of, with_values
 
 from profilecal.calibration.calibrate import calibrate
-from profilecal.geometry.noise import Noise
-from profilecal.simulation.spec import Spec, simulate_scan
 from profilecal_tool.report import calibration, pictures
 
-EDGE = Spec(
-    groups=8,
-    positions=6,
-    seed=3,
-    title="A <bar> & more",
-    convention="KUKA angles",
-    noise=Noise(0.03),
-)
-BALL = replace(EDGE, kind="ball", title="Ball", groups=6, positions=4)
+PLAN = {"seed": 3, "groups": 8, "positions": 6, "noise": {"profile_mm": 0.03}}
 FINE = {"measured": "profiles", "scanner": {"points": 300}}
 plt.switch_backend("agg")  # which needs no screen
 
@@ -53,17 +43,17 @@ def report_on(*scans) -> str:
     ],
 )
 def test_scans_say_first_that_they_are_not_enough_and_what_to_add(plan, first):
-    text = report_on(simulate_scan(replace(EDGE, **plan)))
+    text = report_on(scan_of("edge", **PLAN | plan))
     assert text.startswith(first)
     assert "add" in text.splitlines()[1]
     assert ("translation " in text) == ("spread_deg" in plan)
 
 
 def test_several_scans_and_rejected_poses_are_named():
-    edge = simulate_scan(EDGE)
+    edge = scan_of("edge", title="A <bar> & more", **PLAN)
     wrong = with_values(edge, lambda rows: rows + 5, [10])
     wrong = with_values(wrong, lambda rows: rows[:0], [20])
-    text = report_on(wrong, simulate_scan(BALL))
+    text = report_on(wrong, scan_of("ball", title="Ball", **PLAN))
     first = re.search(r"middle of what was seen is known to (\S+) mm", text)[1]
     below = re.search(r"points +known to (\S+) mm in the middle", text)[1]
     assert first == below
@@ -74,8 +64,8 @@ def test_several_scans_and_rejected_poses_are_named():
 
 
 def test_a_scanner_that_stands_still_is_in_the_base_frame():
-    spec = replace(EDGE, mount="eye-to-hand", convention="rotation vector")
-    text = report_on(simulate_scan(spec))
+    about = {"mount": "eye-to-hand", "convention": "rotation vector"}
+    text = report_on(scan_of("edge", **PLAN, **about))
     assert "of the sensor's origin in the base frame" in text
     assert "\np[" in text  # the line to paste
     assert "the flange's" not in text
@@ -83,8 +73,7 @@ def test_a_scanner_that_stands_still_is_in_the_base_frame():
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
 def test_every_profile_is_drawn(kind):
-    spec = replace(EDGE, kind=kind, measured="profiles", groups=8, positions=3)
-    scan = simulate_scan(spec)
+    scan = scan_of(kind, measured="profiles", groups=8, positions=3)
     first, *others = scan.values
     shown = []
     for figure in pictures.plot_profiles(replace(scan, values=(first[:0], *others))):

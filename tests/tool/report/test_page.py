@@ -2,28 +2,19 @@
 
 import json
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from command import run, write_notebook
 from scipy.spatial.transform import Rotation
+from simulated import scan_of
 
-from profilecal.geometry.noise import Noise
-from profilecal.scan.folder import write_scan
-from profilecal.simulation.spec import Spec, simulate_scan
+import profilecal as pc
 from profilecal_tool.report import page
 from profilecal_tool.report.calibration import VERDICTS
 
-EDGE = Spec(
-    groups=7,
-    positions=3,
-    seed=3,
-    title="A <bar> & more",
-    convention="KUKA angles",
-    noise=Noise(0.03),
-    measured="profiles",
-)
+SMALL = {"seed": 3, "groups": 7, "positions": 3, "noise": {"profile_mm": 0.03}}
+ABOUT = {"title": "A <bar> & more", "convention": "KUKA angles"}
 PICTURE = re.compile(r'src="data:image/png;base64,[^"]+"')
 
 
@@ -31,7 +22,7 @@ PICTURE = re.compile(r'src="data:image/png;base64,[^"]+"')
 def scan(tmp_path_factory):
     """A small scan folder."""
     place = tmp_path_factory.mktemp("scan") / "bar, 8 x 6"
-    write_scan(simulate_scan(EDGE), place)
+    pc.write_scan(scan_of("edge", measured="profiles", **SMALL, **ABOUT), place)
     return place
 
 
@@ -39,7 +30,7 @@ def scan(tmp_path_factory):
 def written(scan):
     """What the command prints of the scan and one of a ball, and the report."""
     path, ball = scan.parent / "report.html", scan.parent / "ball"
-    write_scan(simulate_scan(replace(EDGE, kind="ball", measured="arcs")), ball)
+    pc.write_scan(scan_of("ball", measured="arcs", **SMALL, **ABOUT), ball)
     result = run("calibrate", scan, ball, "--json", "--report", path)
     assert result.exit_code == 0, result.output
     return json.loads(result.stdout), path.read_text(encoding="utf-8")
