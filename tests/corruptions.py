@@ -29,15 +29,6 @@ class Folder:
         truth = tomllib.loads(self.files.pop("truth.toml").decode())
         self.truth = np.array(truth["T_flange_sensor"])
 
-    def table(self, name):
-        """Its rows, if another corruption left any that can be read."""
-        text = self.files[f"{name}.csv"].decode()
-        return pd.read_csv(StringIO(text), dtype={"pose": str})
-
-    def put(self, name, table):
-        text = table.to_csv(index=False, float_format="%.12g")
-        self.files[f"{name}.csv"] = text.encode()
-
     def write(self, folder):
         folder.mkdir()
         for name, content in self.files.items():
@@ -84,8 +75,11 @@ def on_table(*names):
     def decorated(function):
         @wraps(function)
         def change(rng, folder):
-            name = one(rng, names)
-            folder.put(name, function(rng, folder.table(name)))
+            name = f"{one(rng, names)}.csv"
+            text = StringIO(folder.files[name].decode())
+            table = function(rng, pd.read_csv(text, dtype={"pose": str}))
+            text = table.to_csv(index=False, float_format="%.12g")
+            folder.files[name] = text.encode()
 
         return corruption(change)
 

@@ -23,28 +23,18 @@ def tilted(rng, count):
     return (Rotation.random(rng=rng) * tilts).as_matrix()
 
 
-def see(rng, R_tcp, R_sensor, T_sensor):
-    """Flange positions T_tcp and readings q from which one fixed point is seen."""
-    q = rng.uniform(-60, 60, (len(R_tcp), 3))
-    point = rng.uniform(-500, 500, 3)
-    return point - np.einsum("nab,nb->na", R_tcp, q @ R_sensor.T + T_sensor), q
-
-
 def ball_data(rng, translating=4, turning=4):
-    """(R_sensor, T_sensor), (R_tcp, T_tcp, q), the first `translating` poses in one
-    orientation.
+    """(R_sensor, T_sensor), (R_tcp, T_tcp, q) from which one point is seen, the first
+    `translating` poses in one orientation.
     """
     R_sensor, T_sensor = sensor(rng)
-    turned = tilted(rng, turning)
     still = Rotation.random(rng=rng).as_matrix()
-    R_tcp = np.concatenate([np.tile(still, (translating, 1, 1)), turned])
-    T_tcp, q = see(rng, R_tcp, R_sensor, T_sensor)
-    corners = np.array([[0, 0, 0], [40, 0, 0], [0, 40, 0], [0, 0, 40]])
-    places = corners[np.arange(translating) % 4] + rng.uniform(-5, 5, (translating, 3))
-    shift = places - q[:translating]
-    q[:translating] += shift
-    T_tcp[:translating] -= shift @ (still @ R_sensor).T
-    return (R_sensor, T_sensor), (R_tcp, T_tcp, q)
+    R_tcp = np.concatenate([[still] * translating, tilted(rng, turning)])
+    q = rng.uniform(-60, 60, (len(R_tcp), 3))
+    corners = 40 * np.eye(4, 3)[np.arange(translating) % 4]
+    q[:translating] = corners + rng.uniform(-5, 5, (translating, 3))
+    in_base = np.einsum("nab,nb->na", R_tcp, q @ R_sensor.T + T_sensor)
+    return (R_sensor, T_sensor), (R_tcp, rng.uniform(-500, 500, 3) - in_base, q)
 
 
 def point_data(rng, poses=10):

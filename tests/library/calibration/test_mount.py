@@ -22,10 +22,8 @@ def near(pose, seed, sd_mm=15.0, sd_deg=8.0):
 
 
 def of_a_tool(scan):
-    tool = np.eye(4)
-    tool[2, 3] = 180
-    moved = scan.T_base_flange @ tool
-    return replace(scan, p_base_flange=moved[:, :3, 3])
+    z_of_flange = scan.R_base_flange[:, :, 2]
+    return replace(scan, p_base_flange=scan.p_base_flange + 180 * z_of_flange)
 
 
 WRONG = {

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 from scipy.spatial.transform import Rotation
-from simulated import SCANNER, scan_of
+from simulated import SCANNER, scan_of, with_values
 
 import profilecal as pc
 from profilecal.calibration.observe import observe
@@ -148,9 +148,12 @@ def test_poor_motions_are_blamed_on_no_reading(kind, spread_deg):
 @pytest.mark.parametrize("entries", SCANS)
 def test_outliers_are_blamed_on_no_reading(entries):
     scan, rng = scan_of(**entries), default_rng(entries["seed"])
-    bad = rng.uniform(size=(len(scan.labels), 1)) < 0.25
-    shifts = 20 * bad * rng.normal(size=(len(bad), scan.values[0].shape[1]))
-    spoilt = replace(scan, values=tuple(map(np.add, scan.values, shifts)))
+
+    def shifted(rows):
+        return rows + 20 * rng.normal(size=rows.shape[1])
+
+    bad = np.flatnonzero(rng.uniform(size=len(scan.labels)) < 0.25)
+    spoilt = with_values(scan, shifted, bad)
     assert not better_readings(spoilt, observe(spoilt))
 
 

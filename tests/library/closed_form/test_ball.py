@@ -24,16 +24,12 @@ from profilecal.geometry.poses import (
 from profilecal_papers import published
 
 
-def table_III():
+def test_table_III_gives_equations_53_and_56():
     R_tcp, T_tcp, q = (
         published.values("disk", "Table III", name) for name in ("R_tcp", "T_tcp", "q")
     )
-    return rotation_from_xyz_angles(R_tcp), T_tcp, q
-
-
-def test_table_III_gives_equations_53_and_56():
     Upsilon = published.values("disk", "Eq. 53", "Upsilon")
-    solution = solve_ball(*table_III())
+    solution = solve_ball(rotation_from_xyz_angles(R_tcp), T_tcp, q)
     turn = angle_between(solution.R_sensor, nearest_rotation(Upsilon[:, :3]))
     assert np.degrees(turn) < 0.04
     box = published.RoundingBox("disk", "Table III", ("R_tcp", "T_tcp", "q"))

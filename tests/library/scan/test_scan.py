@@ -9,9 +9,9 @@ from simulated import scan_of
 import profilecal as pc
 
 
-def wrong_entries(scan):
-    """What a copy of a good scan of 12 poses cannot have, by what is said of it."""
-    return {
+def test_a_copy_with_something_wrong_is_refused():
+    scan = scan_of("edge", groups=4, positions=3)  # of 12 poses
+    wrong_entries = {
         "kind is 'edgy'; expected edge or": {"kind": "edgy"},
         r"sizes is \(50.0,\); expected 0 lengths in mm": {"sizes": (50.0,)},
         r"values.3. has shape .1, 3.; expected .*2": {
@@ -28,11 +28,7 @@ def wrong_entries(scan):
             "values": (np.ones((5, 2)),) * 12
         },
     }
-
-
-def test_a_copy_with_something_wrong_is_refused():
-    scan = scan_of("edge", groups=4, positions=3)
-    for sentence, entries in wrong_entries(scan).items():
+    for sentence, entries in wrong_entries.items():
         with pytest.raises(pc.ScanError, match=sentence):
             replace(scan, **entries)
 

@@ -7,7 +7,6 @@ from numpy.testing import assert_allclose
 
 from profilecal.simulation.robot import Scanner
 
-IDEAL = Scanner(resolution=0.0, quantum=0.001, noise_mm=0.0)
 NOISELESS = Scanner(resolution=0.0, quantum=0.01, noise_mm=0.0)
 WALL = np.array([[-30.0, 80.0], [30.0, 80.0]])
 
@@ -22,7 +21,7 @@ def test_field_of_view_has_its_printed_corners():
 
 
 def test_a_wall_fills_the_field_of_view_and_lies_at_its_depth():
-    profile = profile_of(IDEAL, 0.3 * WALL)  # at 24 mm: too near
+    profile = profile_of(NOISELESS, 0.3 * WALL)  # at 24 mm: too near
     assert np.isnan(profile).all()
     profile = profile_of(NOISELESS, WALL)
     assert_allclose(profile[:, 1], 80, atol=0.005)
@@ -48,6 +47,5 @@ def test_a_profile_is_of_whole_quanta():
 
 
 def test_noise_has_its_size():
-    wall = np.array([[-30.0, 90.0], [30.0, 90.0]])
-    profile = profile_of(Scanner(quantum=1e-2, noise_mm=0.05), wall)
+    profile = profile_of(Scanner(quantum=1e-2, noise_mm=0.05), WALL)
     assert profile[:, 1].std() == pytest.approx(0.05, rel=4 / np.sqrt(2 * 980))

@@ -86,11 +86,10 @@ def test_orientations_join_the_first_that_they_are_parallel_to():
     rng = default_rng(4)
     few = Rotation.random(5, rng=rng).as_matrix()[rng.integers(0, 5, 60)]
     R = few @ rotations(np.radians(0.03) * rng.normal(size=(60, 3)))
-    expected, firsts = [], []
+    expected, firsts = [], R[:1]
     for one in R:
-        apart = [np.degrees(angle_between(one, first)) for first in firsts]
-        near = [k for k, angle in enumerate(apart) if angle < SAME_ORIENTATION_DEG]
-        expected.append(near[0] if near else len(firsts))
-        if not near:
-            firsts.append(one)
+        near = np.degrees(angle_between(one, firsts)) < SAME_ORIENTATION_DEG
+        if not near.any():
+            firsts, near = np.append(firsts, [one], axis=0), np.append(near, True)
+        expected.append(near.argmax())
     assert rotation_groups(R).tolist() == expected
