@@ -68,7 +68,7 @@ def test_where_the_view_ends_few_profiles_know_by_another_scan():
 
 
 def test_scans_that_do_not_belong_together_are_refused():
-    scan = scan_of("edge", seed=1)
+    scan = scan_of("edge", motion={"sweeps": 3, "profiles": 5})
     for entries, sentence in (
         ({"mount": "eye-to-hand"}, "mount is eye-in-hand in one scan and eye-to-hand"),
         (

@@ -49,10 +49,6 @@ def misread(name, printed_as, change=lambda block: block):
     return wrong
 
 
-def scalar_last(quaternions):
-    return quaternions[:, [1, 2, 3, 0]]
-
-
 def transposed(matrices):
     return matrices.reshape(-1, 3, 3).mT.reshape(-1, 9)
 
@@ -76,7 +72,7 @@ WRONG = {  # by what the first message is to say
         "FANUC angles", "rotation vector", np.degrees
     ),
     "qw, qx, qy, qz read as x, y, z, w": misread(
-        "quaternion", "quaternion", scalar_last
+        "quaternion", "quaternion", lambda q: q[:, [1, 2, 3, 0]]
     ),
     "every rotation inverted": misread("matrix", "matrix", transposed),
     "every pose inverted (base in flange)": inverted,
@@ -84,6 +80,9 @@ WRONG = {  # by what the first message is to say
     "taken from the next row's pose": one_row_early,
     "the poses' x, y, z in inches instead of mm": too_small(25.4),
     "the profiles in reverse order": reversed_profiles,
+    "qw, qx, qy, qz read as z, w, x, y": misread(
+        "quaternion", "quaternion", lambda q: q[:, [3, 0, 1, 2]]
+    ),
 }
 
 

@@ -15,7 +15,7 @@ def test_both_tips_of_a_chord_together_are_as_exact_as_stated():
     squared errors in four dimensions has the standard deviation √(8 / n), and those of
     the tips' difference and sum in depth, over their variances, differ by √(4 / n).
     """
-    profiles, truth = disks(default_rng(2), 1000)
+    profiles, truth = disks(default_rng(2), 500)
     features = features_of("disk", profiles)
     shown = [pair for pair in zip(features, truth, strict=True) if pair[0].found]
     error = np.array([(feature.points - tips).ravel() for feature, tips in shown])

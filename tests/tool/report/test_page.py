@@ -13,8 +13,8 @@ import profilecal as pc
 from profilecal_tool.report import page
 from profilecal_tool.report.calibration import VERDICTS
 
-SMALL = {"seed": 3, "groups": 7, "positions": 3, "noise": {"profile_mm": 0.03}}
-ABOUT = {"title": "A <bar> & more", "convention": "KUKA angles"}
+PLAN = {"seed": 3, "groups": 7, "positions": 3, "noise": {"profile_mm": 0.03}}
+PLAN |= {"title": "A <bar> & more", "convention": "KUKA angles"}
 PICTURE = re.compile(r'src="data:image/png;base64,[^"]+"')
 
 
@@ -22,7 +22,7 @@ PICTURE = re.compile(r'src="data:image/png;base64,[^"]+"')
 def scan(tmp_path_factory):
     """A small scan folder."""
     place = tmp_path_factory.mktemp("scan") / "bar, 8 x 6"
-    pc.write_scan(scan_of("edge", measured="profiles", **SMALL, **ABOUT), place)
+    pc.write_scan(scan_of("edge", measured="profiles", **PLAN), place)
     return place
 
 
@@ -30,7 +30,7 @@ def scan(tmp_path_factory):
 def written(scan):
     """What the command prints of the scan and one of a ball, and the report."""
     path, ball = scan.parent / "report.html", scan.parent / "ball"
-    pc.write_scan(scan_of("ball", measured="arcs", **SMALL, **ABOUT), ball)
+    pc.write_scan(scan_of("ball", measured="arcs", **PLAN), ball)
     result = run("calibrate", scan, ball, "--json", "--report", path)
     assert result.exit_code == 0, result.output
     return json.loads(result.stdout), path.read_text(encoding="utf-8")
