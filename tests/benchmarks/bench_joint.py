@@ -107,7 +107,7 @@ def disk_row() -> dict:
 
 def files_row() -> dict:
     """A scan folder, read and calibrated."""
-    scan, _ = pc.simulate("edge", seed=2, groups=25, positions=10, measured="points")
+    scan, _ = pc.simulate("edge", seed=2, groups=25, positions=10)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "scan"
         pc.write_scan(scan, folder)

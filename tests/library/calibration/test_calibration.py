@@ -91,29 +91,25 @@ def test_a_scan_that_shows_nothing_is_refused():
         pc.calibrate(blind)
 
 
-def with_first_pose_again(scan):
-    """The scan with its first pose and what it saw once more, under another name."""
-    rows = [*range(len(scan.labels)), 0]
-    return pc.Scan.of(
-        scan.kind,
-        scan.T_base_flange[rows],
-        arcs=np.concatenate(scan.values)[rows],
-        labels=[*scan.labels, "again"],
-        title=scan.title,
-        **scan.measures,
-    )
-
-
 def test_a_measurement_given_twice_is_refused():
     scan = scan_of("ball", title="first")
     labels = tuple(reversed(scan.labels))
     digits = scan.p_base_flange + 1e-9  # as another convention's digits have it
     copy = replace(scan, title="a copy", labels=labels, p_base_flange=digits)
+    rows = [*range(len(labels)), 0]
+    first_pose_again = pc.Scan.of(
+        "ball",
+        scan.T_base_flange[rows],
+        arcs=np.concatenate(scan.values)[rows],
+        labels=[*scan.labels, "again"],
+        title="first",
+        **scan.measures,
+    )
     same = "holds the same measurement as pose g1p1 of scan 1"
     for scans, which in (
         ([scan, scan], r"pose g1p1 of scan 2 \(first\)"),
         ([scan, copy], r"of scan 2 \(a copy\)"),
-        ([with_first_pose_again(scan)], r"pose again of scan 1 \(first\)"),
+        ([first_pose_again], r"pose again of scan 1 \(first\)"),
     ):
         with pytest.raises(pc.ScanError, match=f"{which} {same}"):
             pc.calibrate(scans)

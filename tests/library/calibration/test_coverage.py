@@ -38,8 +38,11 @@ TARGETS = {
 BOTH = {"position_mm": 0.05, "orientation_deg": 0.02}
 OF_AN_ORIENTATION = {"group_position_mm": 0.05, "group_orientation_deg": 0.01}
 # the second target, which stands in the place of the first
-BESIDE = {k: "edge" for k in ("disk", "ball", "plane")} | {
+BESIDE = {
     "edge": "plane",
+    "disk": "edge",
+    "ball": "edge",
+    "plane": "edge",
     "rod": "plane",
 }
 SITUATIONS = {  # the robot's errors, and what else there is to say of the scan

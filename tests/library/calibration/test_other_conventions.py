@@ -49,10 +49,6 @@ def misread(name, printed_as, change=lambda block: block):
     return wrong
 
 
-def transposed(matrices):
-    return matrices.reshape(-1, 3, 3).mT.reshape(-1, 9)
-
-
 def too_small(times):
     """All positions of the flange so many times nearer to the base."""
     return lambda scan: replace(scan, p_base_flange=scan.p_base_flange / times)
@@ -63,10 +59,6 @@ def one_row_early(scan):
     return replace(scan, values=(*others, first))
 
 
-def reversed_profiles(scan):
-    return replace(scan, values=scan.values[::-1])
-
-
 WRONG = {  # by what the first message is to say
     "a rotation vector in degrees": misread(
         "FANUC angles", "rotation vector", np.degrees
@@ -74,12 +66,16 @@ WRONG = {  # by what the first message is to say
     "qw, qx, qy, qz read as x, y, z, w": misread(
         "quaternion", "quaternion", lambda q: q[:, [1, 2, 3, 0]]
     ),
-    "every rotation inverted": misread("matrix", "matrix", transposed),
+    "every rotation inverted": misread(
+        "matrix", "matrix", lambda rows: rows.reshape(-1, 3, 3).mT.reshape(-1, 9)
+    ),
     "every pose inverted (base in flange)": inverted,
     'mount = "eye-': on_another_mount,
     "taken from the next row's pose": one_row_early,
     "the poses' x, y, z in inches instead of mm": too_small(25.4),
-    "the profiles in reverse order": reversed_profiles,
+    "the profiles in reverse order": lambda scan: replace(
+        scan, values=scan.values[::-1]
+    ),
     "qw, qx, qy, qz read as z, w, x, y": misread(
         "quaternion", "quaternion", lambda q: q[:, [3, 0, 1, 2]]
     ),

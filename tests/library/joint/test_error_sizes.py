@@ -190,8 +190,9 @@ def test_no_sign_of_a_decomposition_decides_a_calibration(kind, monkeypatch):
     monkeypatch.setattr(np.linalg, "svd", any_svd)
     monkeypatch.setattr(np.linalg, "eigh", any_eigh)
     same = pc.calibrate(scan)
-    for name in ("pose", "covariance_mm_deg"):
-        ours, theirs = getattr(same, name), getattr(expected, name)
-        assert_allclose(ours, theirs, rtol=1e-9)
-    frames = [found.targets[0].frame for found in (same, expected)]
-    assert_allclose(frames[0][1], frames[1][1], rtol=1e-9)
+    for read in (
+        lambda found: found.pose,
+        lambda found: found.covariance_mm_deg,
+        lambda found: found.targets[0].frame[1],
+    ):
+        assert_allclose(read(same), read(expected), rtol=1e-9)

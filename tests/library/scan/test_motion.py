@@ -141,7 +141,6 @@ MISTAKES = {
         "points.csv", "p1,,", "p1,s9,3"
     ),
     "pose 'p1' is not in poses": removed("poses.csv"),
-    "expected one block of orientation columns": edited("log.csv", ",a,b,c", ",d,b,c"),
     "no columns 't'; expected one": edited("points.csv", "sweep,t", "sweep,time"),
     "delay_ms is 900 in .motion.; expected -200 to 200": edited(
         "scan.toml", "[noise]", "[motion]\ndelay_ms = 900\n\n[noise]"
