@@ -7,6 +7,8 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
+from numpy.random import default_rng
 from simulated import scan_of
 
 import profilecal as pc
@@ -63,13 +65,20 @@ def test_a_large_scan_is_written_whole_or_not_at_all(tmp_path):
     assert os.listdir(tmp_path) == ["scan"]
 
 
-def test_a_stopped_command_leaves_nothing(tmp_path):
-    many = 'kind = "plane"\nmeasured = "profiles"\n[scanner]\npoints = 10000'
-    (tmp_path / "spec.toml").write_text(many)
-    command = [COMMAND, "simulate", "spec.toml", "scan"]
+def test_import_leaves_nothing(tmp_path):
+    """Of a folder of poses and profiles in one array."""
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    rng = default_rng(2)
+    np.save(folder / "profiles.npy", rng.uniform(50, 90, (40, 10_000, 2)))
+    poses = np.pad(rng.uniform(300, 500, (40, 3)), [(0, 0), (0, 4)])
+    poses[:, 3] = 1
+    names = "x,y,z,qw,qx,qy,qz"
+    np.savetxt(folder / "poses.csv", poses, "%.3f", ",", header=names, comments="")
+    command = [COMMAND, "import", folder, "scan", "--target", "plane"]
     when = half_written(partial_of(tmp_path / "scan"))
     said = stopped(command, tmp_path, signal.SIGTERM, when)
-    assert os.listdir(tmp_path) == ["spec.toml"]
+    assert os.listdir(tmp_path) == ["mine"]
     assert said == "\nInterrupted. Nothing was written.\n"
 
 
