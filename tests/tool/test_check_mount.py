@@ -24,6 +24,7 @@ def test_a_log_has_a_row_a_day_and_a_picture(tmp_path):
     moved = checked("two", 3, 5, log)
     assert moved.exit_code == 1
     assert "moved -5" in moved.output
+    assert "that it is larger if the sensor alone has moved" in moved.output
     assert "along the sensor's z, and no other way" in moved.output
     single = checked("single", 1, 0, log)
     assert "left it, in the 3 of 6 directions that these poses test" in single.output

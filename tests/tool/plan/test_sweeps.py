@@ -15,7 +15,9 @@ MOTION = "[motion]\ndelay_ms = -80.0\nsweeps = 16\nprofiles = 12\n"
 IN_MOTION = (ROBOT, MOTION), ("500\nposes = 8", "200")
 
 
-@pytest.mark.parametrize("change", [TO_HAND, [('"edge"', '"ball"')]], ids=len)
+@pytest.mark.parametrize(
+    "change", [TO_HAND, [('"edge"', '"ball"')]], ids=["to hand", "ball"]
+)
 def test_planned_sweeps_give_what_is_predicted(tmp_path, change):
     spec = spec_in(tmp_path, *IN_MOTION, *change)
     said = run("plan", spec, tmp_path / "plan").stdout
