@@ -177,7 +177,7 @@ def test_a_wide_guess_gets_a_first_step_whose_answer_plans_the_second(tmp_path):
     wish = "until = [0.09, 0.045]\nhigh = [1200, 400, 800]"
     # of seeds 2 to 5 the answers are 1.1 to 1.5 times as wide as what is asked for
     changes = ("[noise]", margins), ("poses = 8", wish), ("seed = 2", "seed = 4")
-    spec = spec_in(tmp_path, *changes, ("candidates = 500", "candidates = 200"))
+    spec = spec_in(tmp_path, *changes)
     first, second = tmp_path / "first", tmp_path / "second"
     planned = run("plan", spec, first).output
     assert "a first step" in planned
