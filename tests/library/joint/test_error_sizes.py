@@ -142,18 +142,6 @@ def test_a_size_is_standard_normal_beforehand(stated, freedom):
     assert size[3] == pytest.approx(100)
 
 
-def test_known_sizes_are_a_prior_without_spread():
-    known = Prior(TRUE, robot_known=True)
-    names = known.names([])
-    assert names == ["position_mm", "orientation_deg"]
-    model = edge_model(5, names, groups=5, positions=3)
-    average_of_one = averaged(model, known)
-    for size, true in zip(average_of_one.sizes, (SIGMA, 0.08, 0.03), strict=True):
-        assert size.low == size.high == true
-    expected = model.posterior(np.array([[1.0, 0.08**2, 0.03**2]]))
-    assert_allclose(average_of_one.covariance, expected.covariance[0])
-
-
 def test_a_region_holds_over_all_sizes():
     """Of errors that have one of two sizes, one in a hundred is beyond it; nothing is
     added where there is one size.
