@@ -98,7 +98,7 @@ class Residuals:
         target = self.target
         residual = target.residual_in_space if self.in_space else target.residual
         with np.errstate(divide="ignore", invalid="ignore"):
-            sight = Sight(origin, axes, list(self.seen), self.sizes)
+            sight = Sight(origin, axes, self.seen, self.sizes)
             r, force, torque = residual(sight)
 
         B, rows = len(state.rotation), len(r)
@@ -123,17 +123,17 @@ class Residuals:
             z *= np.repeat(self.present, rows, axis=1)[:, None]
         return z
 
-    def target_in_sensor(self, state: State, placement: tuple) -> tuple[list, list]:
-        """The target's origin, x, y and z, and its three axes likewise, as every pose
-        has them in the sensor's frame: arrays (B, 1, P).
+    def target_in_sensor(self, state: State, placement: tuple) -> tuple[ndarray, list]:
+        """The target's origin and its three axes, as every pose has them in the
+        sensor's frame: arrays (3, B, 1, P).
         """
         origin, axes = placement
         in_base = np.concatenate([origin[:, None], axes.mT], axis=1)
         in_flange = (in_base @ self.R_flange).reshape(-1, 4, 3, self.P)
         in_flange[:, 0] -= self.T_in_flange + state.translation[:, :, None]
         in_sensor = state.rotation.mT[:, None] @ in_flange
-        o, *a = ([in_sensor[:, j, None, i] for i in range(3)] for j in range(4))
-        return o, a
+        origin, *axes = in_sensor.transpose(1, 2, 0, 3)[:, :, :, None]
+        return origin, axes
 
     def middle(self, state: State, placement: tuple) -> ndarray:
         """The middle (3,) of what all poses see, in the sensor's frame: the mean over

@@ -95,11 +95,11 @@ class Disk(Target):
 
             -dE = (e N - cy t A) dφ - cy N dt + de/dq cy / g² A dg.
         """
-        (cx, cy, cz), (nx, ny, nz) = sight.origin, sight.axes[2]
+        (nx, ny, nz), cy = sight.axes[2], sight.origin[1]
         (radius,) = sight.sizes
         g = np.hypot(nx, nz)
-        N = (nx / g, nz / g)
-        A = (nz / g, -nx / g)
+        N = np.array([nx, nz]) / g
+        A = np.array([nz, -nx]) / g
         t = ny / g
         q = cy / g
         h, h_by_square = root(radius**2 - q**2, 0.1 * radius)
@@ -107,21 +107,17 @@ class Disk(Target):
         e = s * h
         e_by_q = -2 * q * h_by_square * s
 
-        c = (cx, cz)
-        r = [sight.points[k] - (c[k] + cy * t * N[k]) - e * A[k] for k in (0, 1)]
-        by_cy = [-t * N[k] - e_by_q * (A[k] / g) for k in (0, 1)]
+        r = sight.points - (sight.origin[::2] + cy * t * N) - e * A
+        by_cy = -t * N - e_by_q * (A / g)
         force = [[-1.0, by_cy[0], 0.0], [0.0, by_cy[1], -1.0]]
-        torque = []
-        for k in (0, 1):
-            by_phi = e * N[k] - cy * t * A[k]
-            by_t = -cy * N[k]
-            by_g = e_by_q * (cy * A[k] / g**2)
-            by_x, by_z = (
-                by_g * (ny * A[i]) - by_phi * (t * N[i]) - by_t * A[i] / g**2
-                for i in (0, 1)
-            )
-            torque.append([by_x, by_phi, by_z])
-        return r, force, torque
+        by_phi = e * N - cy * t * A
+        by_t = -cy * N
+        by_g = e_by_q * (cy * A / g**2)
+        by_x, by_z = (
+            by_g * (ny * A[i]) - by_phi * (t * N[i]) - by_t * (A[i] / g**2)
+            for i in (0, 1)
+        )
+        return [*r], force, [*zip(by_x, by_phi, by_z, strict=True)]
 
     @staticmethod
     def residual_in_space(sight: Sight) -> Linearised:
@@ -131,7 +127,7 @@ class Disk(Target):
         v, normal = sight.offset, sight.axes[2]
         length = np.sqrt(dot(v, v))
         r = [dot(normal, v), length - sight.sizes[0]]
-        force = [[-n for n in normal], [-c / length for c in v]]
+        force = [-normal, [-c / length for c in v]]
         return r, force, [cross(normal, v), [0.0, 0.0, 0.0]]
 
     @staticmethod

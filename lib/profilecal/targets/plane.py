@@ -55,15 +55,14 @@ class Plane(Target):
     @staticmethod
     def residual(sight: Sight) -> Linearised:
         """Distance from the line in which the planes meet."""
-        (height,), (force,), (torque,) = Plane.residual_in_space(sight)
         ey_by_turn = cross(sight.axes[2], Y)
-        return in_scan_plane(height, force, torque, np.zeros(3), ey_by_turn)
+        return in_scan_plane(Plane.residual_in_space(sight), 0, ey_by_turn)
 
     @staticmethod
     def residual_in_space(sight: Sight) -> Linearised:
         """Distance from the face."""
         v, normal = sight.offset, sight.axes[2]
-        return [dot(normal, v)], [[-n for n in normal]], [cross(normal, v)]
+        return [dot(normal, v)], [-normal], [cross(normal, v)]
 
     @staticmethod
     def fit(points: ndarray) -> Fitted:

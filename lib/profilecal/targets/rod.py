@@ -74,25 +74,23 @@ class Rod(Round):
 
             dey = Y · (ω × e) - j · (ω × v) = ω · (e × Y - v × j).
         """
-        (f,), (force,), (torque,) = Rod.residual_in_space(sight)
-        v, d = sight.offset, sight.axes[2]
-        e = [-part for part in force]
-        (size,) = sight.sizes
-        j = [(Y[k] - d[1] * d[k] - e[1] * e[k]) / (f + size) for k in range(3)]
-        by_shift = [-part for part in j]
-        turned, moved = cross(e, Y), cross(v, j)
-        by_turn = [turned[k] - moved[k] for k in range(3)]
-        return in_scan_plane(f, force, torque, by_shift, by_turn)
+        (f,), (force,), _ = in_space = Rod.residual_in_space(sight)
+        d, e = sight.axes[2], -force
+        j = -d[1] * d - e[1] * e
+        j[1] += 1
+        j /= f + sight.sizes[0]
+        by_turn = np.subtract(cross(e, Y), cross(sight.offset, j))
+        return in_scan_plane(in_space, -j, by_turn)
 
     @staticmethod
     def residual_in_space(sight: Sight) -> Linearised:
         """Distance from the bar."""
         v, d = sight.offset, sight.axes[2]
         along = dot(v, d)
-        off = [v[k] - along * d[k] for k in range(3)]
+        off = np.array([v[k] - along * d[k] for k in range(3)])
         distance = np.sqrt(dot(off, off))
-        e = [part / distance for part in off]
-        return [distance - sight.sizes[0]], [[-part for part in e]], [cross(e, v)]
+        e = off / distance
+        return [distance - sight.sizes[0]], [-e], [cross(e, v)]
 
     @staticmethod
     def fit(points: ndarray) -> Fitted:

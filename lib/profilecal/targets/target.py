@@ -35,6 +35,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy import ndarray
+from numpy.typing import ArrayLike
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import Frames, directions, frame_around
@@ -42,8 +43,6 @@ from profilecal.profiles.points import Feature, Profiles, in_order
 
 # of vectors in the sensor frame x, y and z, each an array (batch, 1 or points, poses)
 Components = Sequence[ndarray] | ndarray
-# three of them, x, y and z of the target's frame
-Axes = Sequence[Components] | ndarray
 # what `residual` returns: residuals, forces and, if there are any, torques
 Linearised = tuple[list, list, Any]
 # what `fit` returns: origins (..., 3), axes (..., 3, 3), and lengths, each (...)
@@ -59,9 +58,9 @@ ALONG_Y = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 class Sight(NamedTuple):
     """A target and what was seen of it, in the sensor frame and by components."""
 
-    origin: Components  # x, y, z of its frame's, (batch, 1, poses) each
-    axes: Axes  # likewise
-    points: Components  # x and z in the scan plane, (batch, points, poses) each
+    origin: ndarray  # of its frame, (3, batch, 1, poses)
+    axes: Sequence[ndarray] | ndarray  # x, y and z of its frame, likewise
+    points: ndarray  # x and z in the scan plane, (2, batch, points, poses)
     sizes: Sizes
 
     @property
@@ -220,14 +219,13 @@ class Target:
         """
         place, axes = self.frame
         vectors = (place - origin, *np.moveaxis(axes, -1, 0))
-        seen = np.broadcast_arrays(*(in_sensor(rotation, v) for v in vectors))
-        shape = seen[0].shape[:-1]
-        centre, *directions = (v.reshape(-1, 3).T for v in seen)
+        seen = (np.moveaxis(in_sensor(rotation, v), -1, 0) for v in vectors)
+        centre, *directions = (v[..., None, None] for v in seen)
         with np.errstate(divide="ignore", invalid="ignore"):
-            sight = Sight(centre, directions, np.zeros(2), self.measures)
+            sight = Sight(centre, directions, 0 * centre[::2], self.measures)
             (x, z, *_), _, _ = self.residual(sight)
-        met = -np.stack([x, z]).T
-        return met.reshape(*shape, *met.shape[1:])
+        met = -np.concatenate([x, z], axis=-1)
+        return met if self.points != 1 else met[..., 0, :]
 
     def points_seen(self, rotation: ndarray, origin: ndarray, count: int) -> ndarray:
         """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees, (P, m, 2):
@@ -302,26 +300,20 @@ def up_and_aside(
 
 
 def in_scan_plane(
-    distance: ndarray,
-    force: Components,
-    torque: Components,
-    ey_by_shift: Components,
-    ey_by_turn: Components,
+    in_space: Linearised, ey_by_shift: ArrayLike, ey_by_turn: ArrayLike
 ) -> Linearised:
     """What `Target.residual` returns of a distance in space, mm, taken within the scan
     plane, to first order.
 
     The distance f grows by one along the unit vector e, and by h within the scan plane,
     where h² = ex² + ez² = 1 - ey². The residual is f / h, its derivative
-    df / h + (f ey / h³) dey. `force`, which is -e, and `torque` are what a shift and a
-    turn of the target change in f; beside them is what they change in ey, all by
-    components.
+    df / h + (f ey / h³) dey. Its force, which is -e, and its torque are what a shift
+    and a turn of the target change in f; beside them is what they change in ey, by
+    components or nothing.
     """
+    (distance,), (force,), (torque,) = in_space
     h = np.sqrt(np.maximum(force[0] ** 2 + force[2] ** 2, 1e-12))
     by_ey = -distance * force[1] / h**3
-
-    def within(df: Components, dey: Components) -> list[ndarray]:
-        return [f / h + by_ey * ey for f, ey in zip(df, dey, strict=True)]
-
-    by_shift, by_turn = within(force, ey_by_shift), within(torque, ey_by_turn)
+    by_shift = force / h + by_ey * ey_by_shift
+    by_turn = np.array(torque) / h + by_ey * np.array(ey_by_turn)
     return [distance / h], [by_shift], [by_turn]
