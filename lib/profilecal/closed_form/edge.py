@@ -364,7 +364,7 @@ def estimate_noise(T_b: ndarray, p_s: ndarray, present: ArrayLike = True) -> nda
     """Standard deviation (...) of the sensed points, mm, from the groups'
     `affine_residuals`; NaN without any.
     """
-    residuals, _, freedom = affine_residuals(T_b, p_s, present)
+    residuals, freedom = affine_residuals(T_b, p_s, present)
     squares = (residuals**2).sum(axis=(-3, -2, -1))
     freedom = 2 * freedom.sum(axis=-1)
     return np.sqrt(squares / np.where(freedom > 0, freedom, np.nan))

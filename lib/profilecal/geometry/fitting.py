@@ -13,6 +13,8 @@ import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike
 
+from profilecal.geometry.poses import carry
+
 ROUNDS = 60  # Newton's steps at most; four or five are usual
 # a step this small, as a fraction of the eigenvalue's scale, is rounding: the next
 # would be its square
@@ -64,9 +66,8 @@ def moments(x: ndarray, z: ndarray) -> ndarray:
 
 def transformed(ellipse: Ellipse, map_: ndarray, shift: ndarray) -> Ellipse:
     """The ellipse after p ↦ map_ p + shift: map_ (..., 2, 2) and shift (..., 2)."""
-    centre = np.einsum("...ab,...b->...a", map_, ellipse.centre) + shift
-    shape = np.einsum("...ab,...bc,...dc->...ad", map_, ellipse.shape, map_)
-    return Ellipse(centre, shape)
+    centre = carry(map_, shift, ellipse.centre)
+    return Ellipse(centre, map_ @ ellipse.shape @ map_.mT)
 
 
 def ellipse_from_moments(mean: ndarray) -> Ellipse:
@@ -203,29 +204,30 @@ def with_sign(axes: ndarray) -> ndarray:
 
 
 def affine_residuals(
-    positions: ndarray, values: ndarray, weights: ArrayLike = 1.0
-) -> tuple[ndarray, ndarray, ndarray]:
+    positions: ndarray, values: ndarray, present: ArrayLike = True
+) -> tuple[ndarray, ndarray]:
     """What an affine function of positions (..., n, 3) leaves of values (..., n, k).
 
     Inside a rotation group the sensed point of a straight edge, or a marked point, is
     such a function of the flange position, whatever the calibration: what is left is
-    noise. `weights` (..., n): 1 / standard deviation of a value, 0 of one to leave out.
+    noise. Values that are not `present` (..., n) are left out.
 
-    Returns the weighted residuals (..., n, k); the orthonormal basis (..., n, 4) of
-    what is taken out, its columns zero for directions in which the positions do not
-    extend; and the number of weights less that of the other columns, (...).
+    Returns the residuals (..., n, k), zero of what is left out, and their degrees of
+    freedom (...): the number of values less one and that of directions in which the
+    positions extend.
     """
     n = positions.shape[-2]
-    weight = np.broadcast_to(weights, positions.shape[:-1])[..., None]
-    constant = weight / np.linalg.norm(weight, axis=-2, keepdims=True)
-    mean = (constant**2 * positions).sum(axis=-2, keepdims=True)
-    U, S, _ = np.linalg.svd(weight * (positions - mean), full_matrices=False)
+    weight = np.broadcast_to(present, positions.shape[:-1])[..., None]
+    share = weight / weight.sum(axis=-2, keepdims=True)
+    offsets, residuals = (
+        weight * (x - (share * x).sum(axis=-2, keepdims=True))
+        for x in (positions, values)
+    )
+    U, S, _ = np.linalg.svd(offsets, full_matrices=False)
     farthest = np.abs(weight * positions).max(axis=(-2, -1))[..., None]
     rounding = n * np.finfo(float).eps * farthest
     # an arc leaves its plane, a line itself, by less
     extends = np.maximum(1e-3 * S[..., :1], rounding) < S
-    basis = np.concatenate([constant, U * extends[..., None, :]], axis=-1)
-    residuals = weight * values
-    residuals = residuals - basis @ (basis.mT @ residuals)
-    count = np.count_nonzero(weight, axis=(-2, -1))
-    return residuals, basis, count - 1 - extends.sum(axis=-1)
+    U = U * extends[..., None, :]
+    residuals = residuals - U @ (U.mT @ residuals)
+    return residuals, weight.sum(axis=(-2, -1)) - 1 - extends.sum(axis=-1)

@@ -119,4 +119,4 @@ def normalised_square(covariance: ndarray, error: ndarray) -> ndarray:
     Follows χ² with n degrees of freedom where the covariances are honest.
     """
     weighted = np.linalg.solve(covariance, error[..., None])[..., 0]
-    return np.einsum("...i,...i", error, weighted)
+    return np.vecdot(error, weighted)

@@ -28,8 +28,8 @@ def units_by_hand(targets: Sequence) -> ndarray:
     """What one would know by hand of the sensor pose, then of each target's free shifts
     and turns, (n,) mm and rad.
     """
-    mm, rad = HAND_PRECISION[0], HAND_PRECISION[3]
-    of_targets = [[mm] * len(t.shifts) + [rad] * len(t.turns) for t in targets]
+    by_hand = HAND_PRECISION[[0, 3]]
+    of_targets = [np.repeat(by_hand, [len(t.shifts), len(t.turns)]) for t in targets]
     return np.concatenate([HAND_PRECISION, *of_targets])
 
 
@@ -65,9 +65,8 @@ def spectrum(information: ndarray, units: ndarray) -> Spectrum:
     largest = values[..., -1:]
     rank = (values > 1e-10 * largest).sum(axis=-1)
     variances = 1 / np.maximum(values, 1e-14 * largest)
-    pose = vectors[..., :6, :]
-    of_pose = (pose * variances[..., None, :]) @ pose.mT
-    covariance = of_pose * HAND_PRECISION[:, None] * HAND_PRECISION
+    pose = HAND_PRECISION[:, None] * vectors[..., :6, :]
+    covariance = (pose * variances[..., None, :]) @ pose.mT
     return of_covariance(covariance, rank, len(units))
 
 
@@ -169,11 +168,8 @@ def explain(
     else:
         size = size_direction(found.sd[0], found.directions[0])
         known = f"known only to {size}"
-    if found.status == "unobservable":
-        verb = "cannot be determined"
-    else:
-        verb = "is poorly determined"
-    return [f"{what} {verb} ({known}): {why}"]
+    verbs = {"unobservable": "cannot be", "weak": "is poorly"}
+    return [f"{what} {verbs[str(found.status)]} determined ({known}): {why}"]
 
 
 def what_is_open(found: Spectrum, R_sensor: ndarray, frame: str) -> str:

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from numpy import ndarray
-from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
@@ -23,23 +22,23 @@ def rotation_from_xyz_angles(angles: ndarray) -> ndarray:
     return Rotation.from_euler("xyz", angles).as_matrix()
 
 
-def nearest_rotation(matrix: ArrayLike) -> ndarray:
+def nearest_rotation(matrix: ndarray) -> ndarray:
     """The rotations closest to matrices (..., 3, 3) in the Frobenius norm.
 
     Eq. 27 of the edge paper; never reflections, which Eq. 16 of the disk paper lets
     pass.
     """
-    U, _, Vt = np.linalg.svd(np.asarray(matrix, dtype=float))
+    U, _, Vt = np.linalg.svd(matrix)
     U[..., :, 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
     return U @ Vt
 
 
-def angle_between(first: ArrayLike, second: ArrayLike) -> ndarray:
+def angle_between(first: ndarray, second: ndarray) -> ndarray:
     """Angles (...), rad, of the rotations that take `first` to `second`, (..., 3, 3).
 
     ‖A - B‖ = 2√2 sin(θ/2) stays exact near zero, where the trace does not.
     """
-    chord = np.linalg.norm(np.asarray(first) - np.asarray(second), axis=(-2, -1))
+    chord = np.linalg.norm(first - second, axis=(-2, -1))
     return 2 * np.arcsin(np.clip(chord / np.sqrt(8), 0, 1))
 
 
@@ -116,9 +115,9 @@ def difference(T: ndarray, T_true: ndarray) -> ndarray:
     return pose_error(T[:3, :3], T[:3, 3], T_true[:3, :3], T_true[:3, 3])
 
 
-def homogeneous(rotation: ArrayLike, translation: ArrayLike) -> ndarray:
+def homogeneous(rotation: ndarray, translation: ndarray) -> ndarray:
     """4×4 matrices (..., 4, 4) from rotations (..., 3, 3) and translations (..., 3)."""
-    shape = np.broadcast_shapes(np.shape(rotation)[:-2], np.shape(translation)[:-1])
+    shape = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
     matrix = np.tile(np.eye(4), (*shape, 1, 1))
     matrix[..., :3, :3] = rotation
     matrix[..., :3, 3] = translation
@@ -160,22 +159,20 @@ def in_base(
     return carry(R[pose], p[pose], in_flange), pose
 
 
-def frame_around(axis: ArrayLike) -> ndarray:
+def frame_around(axis: ndarray) -> ndarray:
     """Frames (..., 3, 3), in columns, whose z is the unit vector `axis` (..., 3)."""
-    z = np.moveaxis(np.asarray(axis, dtype=float), -1, 0)
-    other = np.eye(3)[:, np.argmin(np.abs(z), axis=0)]
-    x = np.array(cross(z, other))
-    x /= np.sqrt(dot(x, x))
-    return np.moveaxis(np.array([x, cross(z, x), z]), (0, 1), (-1, -2))
+    x = np.cross(axis, np.eye(3)[np.abs(axis).argmin(axis=-1)])
+    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    return np.stack([x, np.cross(axis, x), axis], axis=-1)
 
 
 def circle_around(
-    centre: ArrayLike, axis: ArrayLike, radius: float, count: int = 90
+    centre: ndarray, axis: ndarray, radius: float, count: int = 90
 ) -> ndarray:
-    """Points (count, 3) on a circle in space; its axis need not have length one."""
-    frame = frame_around(np.asarray(axis, dtype=float) / np.linalg.norm(axis))
-    angle = np.linspace(0, 2 * np.pi, count)[:, None]
-    return centre + radius * (np.cos(angle) * frame[:, 0] + np.sin(angle) * frame[:, 1])
+    """Points (count, 3) on a circle in space around a unit vector."""
+    angle = np.linspace(0, 2 * np.pi, count)
+    around = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return centre + radius * around @ frame_around(axis)[:, :2].T
 
 
 def cross(a: Sequence | ndarray, b: Sequence | ndarray) -> list:

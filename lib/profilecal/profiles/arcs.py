@@ -3,8 +3,6 @@ ellipse of a rod.
 """
 
 from dataclasses import dataclass
-from functools import partial
-from typing import ClassVar
 
 import numpy as np
 from numpy import ndarray
@@ -49,16 +47,16 @@ class Section:
         (k, 2).
 
         For an ellipse it is to first order: the distance from the rod's surface over
-        how fast it grows in the plane. With the lean l and L = 1 + |l|² a point has the
-        distance d from the rod's axis, d² = (|w|² + (w × l)²) / L, which grows in the
-        plane by (w - (w·l) l / L) / d. The centre itself has no normal: NaN.
+        how fast it grows in the plane. With a, which is the lean turned by 90°, a point
+        has the distance d from the rod's axis, d² = w · o with o = (w + (w·a) a) /
+        (1 + |a|²), which grows in the plane by o / d. The centre itself has no normal:
+        NaN.
         """
         w = points - self.centre
-        growth = 1 + self.lean @ self.lean
-        across = w[:, 0] * self.lean[1] - w[:, 1] * self.lean[0]
-        distance = np.sqrt(((w**2).sum(axis=1) + across**2) / growth)
-        outwards = w - np.outer(w @ self.lean, self.lean) / growth
-        size = np.where(outwards.any(axis=1), np.hypot(*outwards.T), np.nan)
+        aside = self.lean[::-1] * [1, -1]
+        outwards = (w + np.outer(w @ aside, aside)) / (1 + aside @ aside)
+        distance = np.sqrt(np.vecdot(w, outwards))
+        size = np.where(distance, np.hypot(*outwards.T), np.nan)
         return (distance - self.radius) * distance / size, outwards / size[:, None]
 
     def derivatives(self, points: ndarray) -> ndarray:
@@ -70,43 +68,23 @@ class Section:
         return -np.hstack([normals, normals * along[:, None]])
 
 
-@dataclass(frozen=True)
-class Kind:
-    """The sections of a body, one of which an arc may be."""
-
-    radius: float  # mm, of the body
-    largest: ClassVar[float]  # of circles with which a search begins, in radii
-
-    @property
-    def missing(self) -> str:
-        """That there is none, in words."""
-        raise NotImplementedError
-
-    def nearest(self, points: ndarray, near: Section) -> Section | None:
-        """The section nearest to points (k, 2), looked for from one `near` them, if it
-        is needed; None if they do not tell, or it cannot be the body's.
-        """
-        raise NotImplementedError
-
-    def why_not(self, found: Section, points: ndarray, on: ndarray, mm: float) -> str:
-        """What speaks against a section through points (k, 2) of a profile, of which
-        some are `on` it, as indices, to within some mm, being one of the body. Empty if
-        nothing does.
-        """
-        raise NotImplementedError
+# Below are the sections of two bodies. Of points (k, 2) of a profile `nearest` gives the
+# one nearest to them, looked for from one `near` them; None where it cannot be the
+# body's. `why_not` says what speaks against one with points `on` it, as indices, to
+# within some mm; "" if nothing does.
 
 
 @dataclass(frozen=True)
-class BallSections(Kind):
+class BallSections:
     """Circles, as large as the ball or smaller."""
 
-    largest = 1.2
+    radius: float  # mm, of the ball
+    largest = 1.2  # of circles with which a search begins, in radii
     missing = "no arc of a circle as large as the ball or smaller"
 
-    def nearest(self, points: ndarray, near: Section) -> Section | None:
-        """The circle, whatever was near."""
-        circle = fit_circle(points)
-        return section_of(circle) if np.isfinite(circle).all() else None
+    def nearest(self, points: ndarray, near: Section) -> Section:
+        """The circle, whatever was near; NaN if points are on a line."""
+        return section_of(fit_circle(points))
 
     def why_not(self, found: Section, points: ndarray, on: ndarray, mm: float) -> str:
         """That a circle is larger than the ball."""
@@ -121,9 +99,10 @@ class BallSections(Kind):
 
 
 @dataclass(frozen=True)
-class RodSections(Kind):
+class RodSections:
     """Ellipses, by planes that are not too far off square to the rod."""
 
+    radius: float  # mm, of the rod
     largest = 2.5
 
     @property
@@ -175,15 +154,15 @@ class RodSections(Kind):
 
 def find_balls(profiles: Profiles, radius: float) -> list[Feature]:
     """The arc of the ball in each profile (n, 2), mm, as means over points."""
-    return in_each(profiles, partial(find_arc, kind=BallSections(radius)))
+    return in_each(profiles, find_arc, BallSections(radius))
 
 
 def find_rods(profiles: Profiles, radius: float) -> list[Feature]:
     """The arc of the rod in each profile (n, 2), mm, as means over points."""
-    return in_each(profiles, partial(find_arc, kind=RodSections(radius)))
+    return in_each(profiles, find_arc, RodSections(radius))
 
 
-def find_arc(profile: ndarray, kind: Kind) -> Feature:
+def find_arc(profile: ndarray, kind: BallSections | RodSections) -> Feature:
     """The arc that a profile (n, 2) shows of a kind, as means over its points.
 
     The search begins with a circle, which the kind's own curve refines.
@@ -212,7 +191,7 @@ def find_arc(profile: ndarray, kind: Kind) -> Feature:
 
 
 def refined(
-    curve: Section, points: ndarray, limit: float, kind: Kind
+    curve: Section, points: ndarray, limit: float, kind: BallSections | RodSections
 ) -> tuple[Section, ndarray] | None:
     """A curve fitted to the longest arc of points (k, 2) on it, until that stays the
     same, and the arc, as indices; None where it becomes too short or nothing fits.
@@ -241,7 +220,7 @@ def why_no_arc(curve: Section, points: ndarray, on: ndarray, limit: float) -> st
     off, normals = curve.off_and_normals(points[on])
     directions = np.unwrap(np.arctan2(normals[:, 1], normals[:, 0]))
     extent = float(np.ptp(directions))
-    if extent < np.radians(30):
+    if not extent >= np.radians(30):  # false for NaN
         return f"an arc of {np.degrees(extent):.0f}°; expected 30° or more"
     # a circle touches what is before a step and what is behind it
     if np.diff(np.sort(directions)).max() > extent / 2:

@@ -24,9 +24,10 @@ LEAST_TOLERANCE = 0.1
 LARGEST_TOLERANCE = 2.0
 
 
-def in_each(profiles: Profiles, found_in: Callable[[ndarray], Any]) -> list:
-    """What a function finds in each profile."""
-    return [*map(found_in, watched(profiles, "looking for the target"))]
+def in_each(profiles: Profiles, found_in: Callable, *given: Any) -> list:
+    """What a function finds in each profile, with the same other arguments."""
+    seen = watched(profiles, "looking for the target")
+    return [found_in(profile, *given) for profile in seen]
 
 
 def present(profile: ndarray) -> ndarray:
