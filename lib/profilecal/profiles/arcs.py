@@ -68,8 +68,8 @@ class Section:
         return -np.hstack([normals, normals * along[:, None]])
 
 
-# Below are the sections of two bodies. Of points (k, 2) of a profile `nearest` gives the
-# one nearest to them, looked for from one `near` them; None where it cannot be the
+# Below are the sections of two bodies. Of points (k, 2) of a profile `nearest` gives
+# the one nearest to them, looked for from one `near` them; None where it cannot be the
 # body's. `why_not` says what speaks against one with points `on` it, as indices, to
 # within some mm; "" if nothing does.
 
