@@ -94,28 +94,17 @@ def solve_ball(R_tcp: ArrayLike, T_tcp: ArrayLike, q: ArrayLike) -> TwoStepSolut
             f"q[{others[lengths.argmin()]}] is q[{first}], {q[first]}; "
             "expected ball centres apart from the first"
         )
+    directions = lines / lengths[:, None]
     check_line(
-        lines / lengths[:, None],
+        directions,
         f"all {len(others)} differences of ball centres are parallel in the sensor "
         "frame",
         "the rotation about them cannot be known; translate along another line",
     )
     check_orientations(R_tcp[turning], "turning poses")
 
-    order = np.concatenate([still, turning])
-    return ball_equations(R_tcp[order], T_tcp[order], q[order], len(still))
-
-
-def ball_equations(
-    R_tcp: ndarray, T_tcp: ndarray, q: ndarray, translating: int
-) -> TwoStepSolution:
-    """`solve_ball` without its guards, for the first `translating` poses."""
-    others, turning = slice(1, translating), slice(translating, None)
-    X = (q[0] - q[others]).T
-    Y = R_tcp[0].T @ (T_tcp[others] - T_tcp[0]).T
-    X = X / np.linalg.norm(X, axis=0)
-    Y = Y / np.linalg.norm(Y, axis=0)
-    rotation = solve_rotation(X, Y)
+    Y = R_tcp[first].T @ (T_tcp[others] - T_tcp[first]).T
+    rotation = solve_rotation(directions.T, Y / np.linalg.norm(Y, axis=0))
     given = R_tcp[turning], T_tcp[turning], q[turning]
     return TwoStepSolution(rotation, solve_translation(*given, rotation.R_sensor))
 

@@ -194,11 +194,11 @@ def scans_of(
     for k, rows in enumerate(motions):
         T = T_tcp[..., rows, :]
         start, end = T[..., 0, :], T[..., -1, :]
-        s = np.sign(np.vecdot(end - start, y[..., k, :]))
-        own = tips[..., rows, :, :]
-        along = np.vecdot(T - start[..., None, :], (end - start)[..., None, :])
-        scan = sensing_data(own, start, end, s, radius, heights, along)
-        scans.append(scan)
+        way = end - start
+        s = np.sign(np.vecdot(way, y[..., k, :]))
+        along = np.vecdot(T, way[..., None, :])
+        given = tips[..., rows, :, :], start, end, s, radius, heights, along
+        scans.append(sensing_data(*given))
     return scans
 
 
@@ -286,7 +286,11 @@ def chord_weights(
     """
     chord = np.repeat([-1 / m, 1 / m], m)
     if heights == "regression":
-        ends = line_ends(np.linspace(-1, 1, m) if along is None else along)
+        step = np.linspace(-1, 1, m) if along is None else along
+        step = step - step.mean(axis=-1, keepdims=True)
+        square = np.vecdot(step, step)[..., None, None]
+        # (..., m, 2): weights of the heights that give the ends of their line
+        ends = 1 / m + step[..., None] * step[..., None, [0, -1]] / square
         middles = np.concatenate([ends, ends], axis=-2) / 2
         lines = middles[..., None] + np.outer(chord, [-0.5, 0.5])[:, None, :]
     elif heights == "published":
@@ -299,16 +303,6 @@ def chord_weights(
     lines = lines.reshape(*lines.shape[:-2], 4)
     chords = np.broadcast_to(chord[:, None], (*lines.shape[:-1], 1))
     return np.concatenate([chords, lines], axis=-1)
-
-
-def line_ends(along: ndarray) -> ndarray:
-    """Weights (..., m, 2) giving the first and last value of the straight line fitted
-    to m values at `along` (..., m).
-    """
-    step = along - along.mean(axis=-1, keepdims=True)
-    ends = step[..., None, [0, -1]]
-    square = np.vecdot(step, step)
-    return 1 / step.shape[-1] + step[..., None] * ends / square[..., None, None]
 
 
 def sensing_data_from_ellipse(
@@ -330,7 +324,8 @@ def sensing_data_from_ellipse(
 
     Components come first: NumPy is fast along long axes only.
     """
-    chord, *lines = np.moveaxis(vectors, (-1, -2), (0, 1))
+    vectors = np.moveaxis(vectors, (-2, -1), (0, 1))
+    chord = vectors[:, 0]
     cos, sin = chord / np.hypot(*chord)
 
     def turned(vector: ndarray) -> tuple[ndarray, ndarray]:
@@ -343,14 +338,11 @@ def sensing_data_from_ellipse(
     S_xz, S_zz = turned(cos * S_z - sin * S_x)
     slope = S_xz / S_zz
 
-    def height(a: ndarray, b: ndarray) -> ndarray:
-        """At which the line through a and b meets e1e2."""
-        xa, za = turned(a)
-        xb, zb = turned(b)
-        rise = (zb - za) / (xb - xa)
-        return (za + rise * (x3 - slope * z3 - xa)) / (1 - rise * slope)
-
-    z4, z5 = height(*lines[:2]), height(*lines[2:])
+    # where the lines through two points each, a and b, meet e1e2
+    xa, za = turned(vectors[:, 1::2])
+    xb, zb = turned(vectors[:, 2::2])
+    rise = (zb - za) / (xb - xa)
+    z4, z5 = (za + rise * (x3 - slope * z3 - xa)) / (1 - rise * slope)
     to_end = np.where(z5 < z4, -1.0, 1.0) * np.sqrt(S_zz)
     z = np.stack([z3 - to_end, z3 + to_end, z3, z4, z5])
     x = x3 + (z - z3) * slope
@@ -391,7 +383,7 @@ def disk_equations(
     """
     X = (D_i / np.linalg.norm(D_i, axis=-1, keepdims=True)).mT
     D_b = D_b / np.linalg.norm(D_b, axis=-1, keepdims=True)
-    Y = np.einsum("...nba,...nb->...an", R_tcp, D_b)  # columns R_tcp⁻¹ D_b
+    Y = np.vecmat(D_b, R_tcp).mT  # columns R_tcp⁻¹ D_b
     rotation = solve_rotation(X, Y)
     translation = solve_translation(R_tcp, T_tcp, q, rotation.R_sensor)
     return TwoStepSolution(rotation, translation)

@@ -15,7 +15,7 @@ from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from profilecal.closed_form.groups import find_groups, group_members
-from profilecal.closed_form.two_step import SensorPose, check_orientations
+from profilecal.closed_form.two_step import TwoStepSolution, check_orientations
 from profilecal.geometry.checks import (
     UnobservableError,
     check_array,
@@ -56,15 +56,11 @@ class EdgeTranslation:
     p_b: ndarray
 
 
-@dataclass(frozen=True, repr=False)
-class EdgeSolution(SensorPose):
+class EdgeSolution(TwoStepSolution):
     """The sensor pose on the flange, with every quantity on the way.
 
-    The rotation comes first, then the translation.
+    The rotation, an `EdgeRotation`, comes first, then the `EdgeTranslation`.
     """
-
-    rotation: EdgeRotation
-    translation: EdgeTranslation
 
     @property
     def u_b(self) -> ndarray:
@@ -155,14 +151,7 @@ def solve_edge(
     smooth = smoothed(T, points, present) if regression else points
     found = edge_equations(R, T, smooth, present)
     strength = rotation_strength(R, T, points, found.rotation, present)
-    check_motions(strength, found.translation.rank)
-    p_b = np.empty((n, 3))
-    p_b[index] = found.p_b
-    return replace(found, translation=replace(found.translation, p_b=p_b))
-
-
-def check_motions(strength: ndarray, rank: ndarray) -> None:
-    """Refuse a rotation no stronger than noise makes it, and an A_t that lacks rank."""
+    rank = found.translation.rank
     if strength < REFUSED or rank < 3:
         raise UnobservableError(
             "the motions leave the pose open: the smallest singular value of A_r is "
@@ -171,6 +160,9 @@ def check_motions(strength: ndarray, rank: ndarray) -> None:
             "between groups, about several axes, and move within them in space, or in "
             "one plane of the base, tilted against the edge by 30° or more"
         )
+    p_b = np.empty((n, 3))
+    p_b[index] = found.p_b
+    return replace(found, translation=replace(found.translation, p_b=p_b))
 
 
 def smoothed(T_b: ndarray, p_s: ndarray, present: ndarray) -> ndarray:
@@ -252,20 +244,20 @@ def pair_equations(R_b: ndarray, u_s: ndarray, u_t: ndarray) -> tuple[ndarray, n
 
 
 def least_squares(
-    A: ndarray, b: ndarray, zero: ArrayLike
+    A: ndarray, b: ndarray, zero: ndarray | float
 ) -> tuple[ndarray, ndarray, ndarray, ndarray]:
     """The solution V S⁺ Uᵀ b of least norm, S, V and the rank, for A (..., k, n) and b
     (..., k).
 
-    Singular values up to `zero` (...) count as zero. The text after Eq. 26 prints S
+    Singular values up to `zero` (..., 1) count as zero. The text after Eq. 26 prints S
     where S⁺ is meant.
     """
     U, S, Vt = np.linalg.svd(A, full_matrices=False)
-    significant = np.asarray(zero)[..., None] < S
-    c = (U.mT @ b[..., None])[..., 0]
-    c = np.divide(c, S, out=np.zeros_like(c), where=significant)
+    significant = zero < S
+    inverse = significant / np.where(significant, S, 1)
     V = Vt.mT
-    return (V @ c[..., None])[..., 0], S, V, significant.sum(axis=-1)
+    x = np.matvec(V, inverse * np.vecmat(b, U))
+    return x, S, V, significant.sum(axis=-1)
 
 
 def unvec(r: ndarray) -> ndarray:
@@ -278,7 +270,7 @@ def solve_rotation(R_b: ndarray, T_b: ndarray, p_s: ndarray) -> EdgeRotation:
     A_r, b_r = rotation_system(R_b, T_b, p_s)
     # not a share of A_r, which is rounding alone where points lie along a line
     u_s, u_t = difference_vectors(T_b, p_s)
-    rounding = 1e-11 * (u_s**2 + u_t**2).sum(axis=(-3, -2, -1))
+    rounding = 1e-11 * (u_s**2 + u_t**2).sum(axis=(-3, -2, -1))[..., None]
     r_s, S, V, rank = least_squares(A_r, b_r, rounding)
     return EdgeRotation(A_r, b_r, S, V, rank, r_s, nearest_rotation(unvec(r_s)))
 
@@ -356,7 +348,7 @@ def solve_translation(
     # of nine entries of R_b, in each of G N equations
     rounding = 12 * np.finfo(float).eps * p.shape[-3] * p.shape[-2]
     T_sensor, _, _, rank = least_squares(A_t, b_t, rounding)
-    p_b = p + (R_b @ T_sensor[..., None, :, None])[..., None, :, 0]
+    p_b = p + np.matvec(R_b, T_sensor[..., None, :])[..., None, :]
     return EdgeTranslation(u_b, rank, T_sensor, p_b)
 
 

@@ -19,11 +19,12 @@ from profilecal.geometry.poses import carry, homogeneous, nearest_rotation
 LEAST_SPREAD_DEG = 1.0
 
 
-class SensorPose:
-    """The sensor pose on the flange, from a solution of two steps."""
+@dataclass(frozen=True, repr=False)
+class TwoStepSolution:
+    """The sensor pose on the flange: rotation first, then translation."""
 
-    rotation: Any
-    translation: Any
+    rotation: Any  # of the disk and the ball a `RotationSolution`
+    translation: Any  # likewise a `TranslationSolution`
 
     @property
     def R_sensor(self) -> ndarray:
@@ -67,14 +68,6 @@ class TranslationSolution:
     accuracy: ndarray  # (...) largest distance from the mean, mm
 
 
-@dataclass(frozen=True, repr=False)
-class TwoStepSolution(SensorPose):
-    """The sensor pose on the flange: rotation first, then translation."""
-
-    rotation: RotationSolution
-    translation: TranslationSolution
-
-
 def solve_rotation(X: ndarray, Y: ndarray) -> RotationSolution:
     """R_sensor X = Y for vectors (..., 3, n): Eq. 16, kept from being a reflection."""
     return RotationSolution(X, Y, nearest_rotation(Y @ X.mT))
@@ -101,7 +94,7 @@ def solve_translation(
     differences = turned[..., 1:, :] - turned[..., :-1, :]
     M = R_differences.reshape(*R_differences.shape[:-3], -1, 3)
     N = differences.reshape(*differences.shape[:-2], -1)
-    T_sensor = (np.linalg.pinv(M) @ N[..., None])[..., 0]
+    T_sensor = np.matvec(np.linalg.pinv(M), N)
     q_b_i = carry(R_tcp, turned, T_sensor[..., None, :])
     q_b = q_b_i.mean(axis=-2)
     accuracy = np.linalg.norm(q_b_i - q_b[..., None, :], axis=-1).max(axis=-1)

@@ -174,10 +174,10 @@ def fit_sphere(points: ndarray) -> tuple[ndarray, ndarray]:
     """
     middle = middle_of(points)
     p = points - middle
-    square = np.vecdot(p, p)[..., None]
+    square = np.vecdot(p, p)
     inverse = np.linalg.pinv(p.mT @ p, 1e-13, hermitian=True)  # rounding is less
-    centre = (inverse @ (p.mT @ square))[..., 0] / 2
-    radius = np.sqrt(square.mean(axis=(-2, -1)) + np.sum(centre**2, axis=-1))
+    centre = np.matvec(inverse, np.vecmat(square, p)) / 2
+    radius = np.sqrt(square.mean(axis=-1) + np.vecdot(centre, centre))
     return middle[..., 0, :] + centre, radius
 
 

@@ -76,6 +76,6 @@ class Log:
         R = of_rotation(inside).as_matrix()
         v = of_position(inside, 1)
         # scipy's angular velocity is along the flange's axes
-        w = (R @ of_rotation(inside, 1)[..., None])[..., 0]
+        w = np.matvec(R, of_rotation(inside, 1))
         p = of_position(inside) + v * beyond
         return rotations(w * beyond) @ R, p, np.hstack([v, w])

@@ -42,17 +42,6 @@ def angle_between(first: ndarray, second: ndarray) -> ndarray:
     return 2 * np.arcsin(np.clip(chord / np.sqrt(8), 0, 1))
 
 
-def parallel(first: ndarray, second: ndarray, within_deg: float) -> ndarray:
-    """Which orientations (N, 3, 3) differ from which (M, 3, 3) by less than an angle of
-    0.001° or more, (N, M).
-
-    The trace of the rotation between two is 1 + 2 cos θ, and the product of their
-    entries.
-    """
-    traces = first.reshape(-1, 9) @ second.reshape(-1, 9).T
-    return traces > 1 + 2 * np.cos(np.radians(within_deg))
-
-
 def chord(angle_deg: float) -> float:
     """By how much rotation matrices A and B differ that are so far apart,
     ‖A - B‖ = 2 √(1 - cos θ).
@@ -106,8 +95,8 @@ def pose_error(
     what the covariance is of.
     """
     turn = Rotation.from_matrix(rotation.mT @ true_rotation).as_rotvec()
-    shift = rotation.mT @ (true_translation - translation)[..., None]
-    return np.concatenate([shift[..., 0], turn], axis=-1)
+    shift = np.vecmat(true_translation - translation, rotation)
+    return np.concatenate([shift, turn], axis=-1)
 
 
 def difference(T: ndarray, T_true: ndarray) -> ndarray:
@@ -139,12 +128,12 @@ def rotations(vectors: ndarray) -> ndarray:
 def inverse(rotation: ndarray, translation: ndarray) -> Frames:
     """The inverses of rigid transforms (..., 3, 3), (..., 3)."""
     back = rotation.mT
-    return back, -(back @ translation[..., None])[..., 0]
+    return back, -np.matvec(back, translation)
 
 
 def carry(rotation: ndarray, translation: ndarray, points: ndarray) -> ndarray:
     """Points (..., 3) carried by rigid transforms (..., 3, 3), (..., 3)."""
-    return (rotation @ points[..., None])[..., 0] + translation
+    return np.matvec(rotation, points) + translation
 
 
 def in_base(

@@ -119,17 +119,11 @@ class RodSections:
         def section_at(state: ndarray) -> Section:
             return Section(state[:2], state[2:], self.radius)
 
-        def off(state: ndarray) -> ndarray:
-            return section_at(state).off_and_normals(points)[0]
-
-        def derivatives(state: ndarray) -> ndarray:
-            return section_at(state).derivatives(points)
-
         start = near if near.lean.any() else leaning(near, points, self.radius)
         fitted = least_squares(
-            off,
+            lambda state: section_at(state).off_and_normals(points)[0],
             np.concatenate([start.centre, start.lean]),
-            derivatives,
+            lambda state: section_at(state).derivatives(points),
             method="lm",
             x_scale="jac",
             ftol=1e-4,  # of the sum of squares: far below what noise changes
@@ -218,7 +212,7 @@ def why_no_arc(curve: Section, points: ndarray, on: ndarray, limit: float) -> st
     words; "" if nothing does.
     """
     off, normals = curve.off_and_normals(points[on])
-    directions = np.unwrap(np.arctan2(normals[:, 1], normals[:, 0]))
+    directions = np.unwrap(np.arctan2(*normals.T[::-1]))
     extent = float(np.ptp(directions))
     if not extent >= np.radians(30):  # false for NaN
         return f"an arc of {np.degrees(extent):.0f}°; expected 30° or more"

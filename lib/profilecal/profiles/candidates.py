@@ -1,7 +1,7 @@
 """Candidates for a target's feature in raw profiles, and which of them it is."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -68,11 +68,11 @@ def choose(
     # where most leave the choice open, chance alone decides it in the others
     mostly_open = 2 * sum(is_open) > sum(map(bool, candidates))
     chosen = []
-    for k, (profile, own) in enumerate(zip(profiles, candidates, strict=True)):
-        reason = reasons[k]
+    each = zip(profiles, candidates, reasons, is_open, strict=True)
+    for profile, own, reason, open_ in each:
         if not len(profile):
             reason = "nothing in this profile"
-        elif is_open[k]:
+        elif open_:
             reason = f"{len(own)} candidates for the {shape}, none clearly the best"
         elif own and mostly_open:
             reason = f"most profiles have several candidates for the {shape}"
@@ -84,13 +84,12 @@ def choose(
 
 
 def with_end_variance(chosen: list[Candidate]) -> list[Feature]:
-    """The features of candidates, with the variance of run ends along their runs."""
+    """The features of candidates, to whose covariance that of run ends along their runs
+    is added.
+    """
     counted = end_variance([end for candidate in chosen for end in candidate.ends])
-    features = []
     for candidate in chosen:
-        covariance = candidate.feature.covariance.copy()
         for k, end in enumerate(candidate.ends):
             along = np.outer(end.spacing, end.spacing)
-            covariance[k] += (counted + end.variance) * along
-        features.append(replace(candidate.feature, covariance=covariance))
-    return features
+            candidate.feature.covariance[k] += (counted + end.variance) * along
+    return [candidate.feature for candidate in chosen]

@@ -53,8 +53,11 @@ def look_of_most(shown_by: Counter[Look]) -> Look | None:
     if is_clear or look.shape != "step end":
         return look
     # beside one of both ends a side face may show now and then
-    often = [look for look, count in shown_by.items() if count > 2]
-    corners = {look: shown_by[look] for look in often if look.shape == "corner"}
+    corners = {
+        look: count
+        for look, count in shown_by.items()
+        if look.shape == "corner" and count > 2
+    }
     return usual_look(corners) if corners else None
 
 
@@ -149,8 +152,8 @@ def form_corner(first: Run, second: Run) -> bool:
     if not is_bent(first, second):
         return False
     apex = crossing(first, second)
-    end = (apex - first.point) @ first.direction - first.along[-1]
-    start = (apex - second.point) @ second.direction - second.along[0]
+    end = first.coordinates(apex)[0] - first.along[-1]
+    start = second.coordinates(apex)[0] - second.along[0]
     return abs(end) < NEAR and abs(start) < NEAR
 
 
@@ -182,7 +185,7 @@ def beyond(spoilt: float, run: Run | None, apex: ndarray) -> Run | None:
     """
     if not run:
         return None
-    from_apex = run.along - (apex - run.point) @ run.direction
+    from_apex = run.along - run.coordinates(apex)[0]
     rows = run.rows[np.abs(from_apex) > spoilt]
     if len(rows) < LEAST_SIDE:
         return None
@@ -201,5 +204,5 @@ def step_ends(runs: list[Run], view: View) -> Iterator[Candidate]:
             place = end.point[None]
             covariance = run.covariance_across(place)[0]
             feature = Feature(place, covariance, run.rows, "step end")
-            sign = int(np.sign(end.point[0] - run.point[0]))
+            sign = int(np.sign(outwards.direction[0]))
             yield Candidate(feature, sign, run.length, ends=(end,))

@@ -141,7 +141,8 @@ def run_end(run: Run) -> End:
     zone = min(ZONE, len(rows) // 2)
     numbers, is_gap = numbered(rows, along)
     first, last = rows[-zone], rows[-1] + zone
-    wall = wall_points(run, first, last, threshold)
+    off = np.abs(run.coordinates(run.profile[first : last + 1])[1])
+    wall = ((threshold < off) & (off <= 2 * threshold)).sum()
     from_end = numbers - (numbers[-1] - wall + 0.5)
 
     spoilt = min(max(blurred, 2 * wall), len(rows) // 2)
@@ -164,12 +165,6 @@ def numbered(rows: ndarray, along: ndarray) -> tuple[ndarray, ndarray]:
     usual_spread = steps[~is_long].std()
     is_gap = (np.diff(rows) > 1) | (steps > 1 + 5 * usual_spread)
     return numbers, is_gap
-
-
-def wall_points(run: Run, first: int, last: int, threshold: float) -> int:
-    """How many points between two rows are off a run's line by one threshold to two."""
-    off = np.abs(run.coordinates(run.profile[first : last + 1])[1])
-    return ((threshold < off) & (off <= 2 * threshold)).sum()
 
 
 def end_at(number: ndarray, along: ndarray) -> tuple[float, float, float]:

@@ -36,13 +36,11 @@ def present(profile: ndarray) -> ndarray:
     Their coordinates are finite. A depth of zero stands for a missing point, except
     where the depths before and after it are within a millimetre of zero too.
     """
-    x, z = profile.T
-    finite = np.isfinite(x) & np.isfinite(z)
-    zero = finite & (z == 0)
-    if not zero.any():
-        return finite
+    z = profile[:, 1]
+    finite = np.isfinite(profile).all(axis=1)
+    zero = z == 0
     real = np.flatnonzero(finite & ~zero)
-    if real.size:
+    if zero.any() and real.size:
         # above zero if the point before or the point after is far from a depth of zero
         far = np.interp(np.arange(len(z)), real, np.abs(z[real]) >= 1)
         zero &= far > 0
@@ -76,7 +74,7 @@ def tolerance(z: ndarray) -> float:
     """
     if len(z) < 5:
         return LEAST_TOLERANCE
-    second = np.abs(z[2:] - 2 * z[1:-1] + z[:-2])
+    second = np.abs(np.diff(z, 2))
     one_sigma = int(0.68 * len(second))
     sigma = np.partition(second, one_sigma)[one_sigma] / np.sqrt(6)
     return float(np.clip(NOISE_LIMIT * sigma, LEAST_TOLERANCE, LARGEST_TOLERANCE))

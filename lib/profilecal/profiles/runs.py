@@ -37,10 +37,10 @@ class Run:
         middle = points.mean(axis=1)
         x, z = points - middle[:, None]
         angle = np.arctan2(2 * (x @ z), x @ x - z @ z) / 2
-        if np.cos(angle) * (x[-1] - x[0]) + np.sin(angle) * (z[-1] - z[0]) < 0:
-            angle += np.pi
         c, s = np.cos(angle), np.sin(angle)
         along = c * x + s * z
+        if along[-1] < along[0]:
+            c, s, along = -c, -s, -along
         off = c * z - s * x
         return Run(profile, rows, limit, middle, np.array([c, s]), along, off)
 
@@ -159,8 +159,8 @@ def run_through(profile: ndarray, rows: ndarray, limit: float) -> Run:
         return run
     # one point or two beside a gap are spikes that are on the line by chance
     parts = np.split(rows, np.flatnonzero(is_gap) + 1)
-    kept = np.concatenate([rows[:0], *(part for part in parts if len(part) > 2)])
-    return Run.through(profile, kept if len(kept) else rows, limit)
+    kept = [part for part in parts if len(part) > 2]
+    return Run.through(profile, np.concatenate(kept or parts), limit)
 
 
 def distinct(runs: list[Run]) -> list[Run]:

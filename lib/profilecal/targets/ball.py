@@ -15,7 +15,6 @@ from profilecal.targets.target import (
     Linearised,
     Sight,
     Views,
-    in_sensor,
 )
 
 
@@ -85,7 +84,7 @@ class Ball(Round):
         """The circles that scan planes cut from the ball, (..., 3): x, z, r; r NaN
         where they miss it.
         """
-        c = in_sensor(rotation, self.centre - origin)
+        c = np.vecmat(self.centre - origin, rotation)
         with np.errstate(invalid="ignore"):
             r = np.sqrt(self.radius**2 - c[..., 1] ** 2)
         return np.stack([c[..., 0], c[..., 2], r], axis=-1)
@@ -102,7 +101,7 @@ class Ball(Round):
         return centre + radius * np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
 
     def sides(self, rotation: ndarray, origin: ndarray) -> ndarray:
-        return np.sign(in_sensor(rotation, self.centre - origin)[..., 1])
+        return np.sign(np.vecmat(self.centre - origin, rotation)[..., 1])
 
     def centre_from_circle(self, circle: ArrayLike, side: ArrayLike) -> ndarray:
         """The ball's centre in the sensor frame, (..., 3), from circles (..., 3) x, z,

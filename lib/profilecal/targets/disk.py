@@ -16,7 +16,6 @@ from profilecal.targets.target import (
     Target,
     Views,
     Y,
-    in_sensor,
 )
 
 
@@ -143,7 +142,7 @@ class Disk(Target):
         of smaller x first, each as x and z in the sensor frame; NaN where the disk is
         missed.
         """
-        cy = in_sensor(rotation, self.centre - origin)[..., 1]
+        cy = np.vecmat(self.centre - origin, rotation)[..., 1]
         n = self.normal @ rotation
         g = np.hypot(n[..., 0], n[..., 2])
         missed = np.abs(cy) > self.radius * g
@@ -183,5 +182,4 @@ def fit_around(axis: ndarray, points: ndarray) -> Fitted:
     across = axes[..., :2]
     middle = middle_of(points)
     centre, radius = fit_sphere((points - middle) @ across)
-    origin = middle[..., 0, :] + (across @ centre[..., None])[..., 0]
-    return origin, axes, (radius,)
+    return middle[..., 0, :] + np.matvec(across, centre), axes, (radius,)

@@ -82,16 +82,15 @@ class Edge(Target):
         the edge.
 
         The edge p + a d, with p = (px, py, pz) and d = (dx, dy, dz), meets the plane
-        y = 0 where a = -s, s = py / dy. A turn ω of the edge changes d by ω × d, and
-        any function of d by ω · (d × its gradient).
+        y = 0 where a = -s, s = py / dy. A turn ω of the edge moves that place as does a
+        shift by ω × a d.
         """
         vx, vy, vz = sight.offset
         dx, dy, dz = d = sight.axes[2]
         s = -vy / dy
         r = [vx + s * dx, vz + s * dz]
         force = [[-1.0, dx / dy, 0.0], [0.0, dz / dy, -1.0]]
-        by_direction = [[s, -s * dx / dy, 0.0], [0.0, -s * dz / dy, s]]
-        return r, force, [cross(d, gradient) for gradient in by_direction]
+        return r, force, [cross(-s * d, one) for one in force]
 
     @staticmethod
     def residual_in_space(sight: Sight) -> Linearised:

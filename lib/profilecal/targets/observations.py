@@ -162,12 +162,7 @@ class Batch:
 
     def where(self, mask: ndarray, other: Self) -> Self:
         """This one where the mask (B,) holds, the other elsewhere."""
-
-        def merged(own: ndarray, others: ndarray) -> ndarray:
-            further_axes = [1] * (own.ndim - 1)
-            return np.where(mask.reshape(-1, *further_axes), own, others)
-
-        return each(merged, self, other)
+        return each(lambda own, others: np.where(mask, own.T, others.T).T, self, other)
 
 
 @dataclass(frozen=True)

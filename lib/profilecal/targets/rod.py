@@ -101,13 +101,13 @@ class Rod(Round):
         squares give D, of which d is the eigenvector to the largest eigenvalue.
         """
         p = points - middle_of(points)
-        spread = np.sqrt(np.mean(np.sum(p**2, axis=-1), axis=-1))
+        spread = np.sqrt(np.vecdot(p, p).mean(axis=-1))
         p = p / spread[..., None, None]
         i, j = np.triu_indices(3)
         # by the ten unknowns: D's six entries, those off its diagonal twice; b; and k
         of_D = p[..., i] * p[..., j] * np.where(i == j, 1, 2)
         A = np.concatenate([of_D, p, np.ones_like(p[..., :1])], axis=-1)
-        square = np.sum(p**2, axis=-1)
+        square = np.vecdot(p, p)
         # points of one profile, or fewer than ten, leave some of them open
         ridge = 1e-9 * np.eye(10) * p.shape[-2]
         x = np.linalg.solve(A.mT @ A + ridge, A.mT @ square[..., None])[..., 0]

@@ -172,7 +172,7 @@ class Target:
         origin, and the distance is `residual_in_space`.
         """
         origin, axes = self.frame
-        from_point = np.moveaxis(origin - points, -1, 0)
+        from_point = (origin - points).T
         with np.errstate(divide="ignore", invalid="ignore"):
             sight = Sight(from_point, axes.T, np.zeros((2, 1)), self.measures)
             residuals, _, _ = self.residual_in_space(sight)
@@ -219,7 +219,7 @@ class Target:
         """
         place, axes = self.frame
         vectors = (place - origin, *np.moveaxis(axes, -1, 0))
-        seen = (np.moveaxis(in_sensor(rotation, v), -1, 0) for v in vectors)
+        seen = (np.moveaxis(np.vecmat(v, rotation), -1, 0) for v in vectors)
         centre, *directions = (v[..., None, None] for v in seen)
         with np.errstate(divide="ignore", invalid="ignore"):
             sight = Sight(centre, directions, 0 * centre[::2], self.measures)
@@ -280,11 +280,6 @@ class Target:
         """
         radius = 25 * np.cbrt(rng.uniform(size=(*views.shape, 1)))
         return radius * directions(rng, views.shape)
-
-
-def in_sensor(rotation: ndarray, vectors: ndarray) -> ndarray:
-    """Components of vectors (..., 3) along the axes of sensor frames (..., 3, 3)."""
-    return (vectors[..., None, :] @ rotation)[..., 0, :]
 
 
 def up_and_aside(

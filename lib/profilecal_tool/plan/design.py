@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 from numpy import ndarray
+from scipy.spatial.distance import cdist
 
 from profilecal.geometry.observability import LEAST_TURN_DEG
-from profilecal.geometry.poses import Frames, angle_between, parallel
+from profilecal.geometry.poses import Frames, angle_between, chord
 from profilecal.geometry.progress import watched
 from profilecal.scan.scan import ScanError
 from profilecal_tool.plan.candidates import BEYOND, draw, joined, neighbours
@@ -151,7 +152,8 @@ class Pool:
         else:
             W = W[:, :6]
             values = smooth_worst(pose - W @ np.linalg.solve(inner, W.mT))
-        alike = parallel(self.R, self.R[chosen], LEAST_TURN_DEG)
+        R = self.R.reshape(-1, 9)
+        alike = cdist(R, R[chosen]) < chord(LEAST_TURN_DEG)
         values[alike.any(axis=1)] = np.inf
         return values
 

@@ -10,7 +10,6 @@ from numpy.testing import assert_allclose
 from scipy.linalg import orthogonal_procrustes
 
 from profilecal.closed_form.ball import (
-    ball_equations,
     solve_ball,
     solve_fixed_point,
     solve_tetra_ball,
@@ -36,7 +35,7 @@ def test_table_III_gives_equations_53_and_56():
     alike = box.draw(500, default_rng(1))
     R_tcp = rotation_from_xyz_angles(alike["R_tcp"])
     drawn = zip(R_tcp, alike["T_tcp"], alike["q"], strict=True)
-    accuracies = [ball_equations(*one, 4).translation.accuracy for one in drawn]
+    accuracies = [scenes.ball_equations(*one, 4).translation.accuracy for one in drawn]
     low, high = np.quantile(accuracies, [0.025, 0.975])
     assert low < published.values("disk", "Eq. 56", "accuracy") < high
 
