@@ -301,8 +301,7 @@ def chord_weights(
             f"heights is {heights!r}; expected 'regression' or 'published'"
         )
     lines = lines.reshape(*lines.shape[:-2], 4)
-    chords = np.broadcast_to(chord[:, None], (*lines.shape[:-1], 1))
-    return np.concatenate([chords, lines], axis=-1)
+    return np.insert(lines, 0, chord, axis=-1)
 
 
 def sensing_data_from_ellipse(

@@ -90,10 +90,10 @@ def solve_translation(
     condition number.
     """
     turned = carry(R_tcp, T_tcp, q @ R_sensor.mT)
-    R_differences = R_tcp[..., :-1, :, :] - R_tcp[..., 1:, :, :]
-    differences = turned[..., 1:, :] - turned[..., :-1, :]
-    M = R_differences.reshape(*R_differences.shape[:-3], -1, 3)
-    N = differences.reshape(*differences.shape[:-2], -1)
+    M = -np.diff(R_tcp, axis=-3)
+    M = M.reshape(*M.shape[:-3], -1, 3)
+    N = np.diff(turned, axis=-2)
+    N = N.reshape(*N.shape[:-2], -1)
     T_sensor = np.matvec(np.linalg.pinv(M), N)
     q_b_i = carry(R_tcp, turned, T_sensor[..., None, :])
     q_b = q_b_i.mean(axis=-2)

@@ -6,8 +6,7 @@ from typing import Any
 
 # from what a loop goes through, what it does in words, and how often (None: not known)
 # to the same, which is seen to pass
-Watcher = Callable[[Iterable, str, int | None], Iterable]
-watcher: ContextVar[Watcher] = ContextVar("watcher", default=lambda items, *_: items)
+watcher: ContextVar[Callable] = ContextVar("watcher", default=lambda items, *_: items)
 
 
 def watched(items: Iterable, doing: str, total: int | None = None) -> Iterable[Any]:

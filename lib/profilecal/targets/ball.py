@@ -49,10 +49,6 @@ class Ball(Round):
     with_tool = True
     across = (0.3, 1.0, 0.2)
 
-    @property
-    def across_mm(self) -> float:
-        return self.radius / 2
-
     @staticmethod
     def residual(sight: Sight) -> Linearised:
         """Distance from the circle that the plane cuts out."""

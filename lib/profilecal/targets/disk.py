@@ -56,10 +56,6 @@ class Disk(Target):
     with_tool = True
     across = (0.3, 1.0, 0.2)
 
-    @property
-    def across_mm(self) -> float:
-        return self.radius / 2
-
     @staticmethod
     def residual(sight: Sight) -> Linearised:
         """x and z of each sensed tip minus those of the chord's end.

@@ -6,11 +6,10 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.fitting import principal_axes
-from profilecal.geometry.poses import cross, frame_around
+from profilecal.geometry.poses import cross, dot, frame_around
 from profilecal.profiles.edges import find_edges
 from profilecal.targets.target import (
     ALONG_Y,
-    Components,
     Fitted,
     Linearised,
     Sight,
@@ -36,12 +35,6 @@ SPECIMENS: dict[str, list[tuple[float, float]]] = {
         (200, -20),
     ],
 }
-
-
-def cross_rows(v: Components) -> list:
-    """The matrix that takes b to v × b, by rows, each by components."""
-    vx, vy, vz = v
-    return [[0.0, -vz, vy], [vz, 0.0, -vx], [-vy, vx, 0.0]]
 
 
 @dataclass(frozen=True)
@@ -94,10 +87,10 @@ class Edge(Target):
 
     @staticmethod
     def residual_in_space(sight: Sight) -> Linearised:
-        """(sensed point - origin) × direction."""
-        v, d = sight.offset, sight.axes[2]
-        torque = [cross(d, gradient) for gradient in cross_rows(v)]
-        return cross(v, d), cross_rows(d), torque
+        """How far the sensed point is off along the two axes across the edge."""
+        v, across = sight.offset, sight.axes[:2]
+        torque = [cross(axis, v) for axis in across]
+        return [dot(axis, v) for axis in across], [-axis for axis in across], torque
 
     @staticmethod
     def fit(points: ndarray) -> Fitted:

@@ -221,7 +221,7 @@ def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
     moving = np.concatenate([seen.moving[0] for seen in observations])
 
     labels = [seen.labels for seen in observations]
-    target = np.repeat(np.arange(len(labels)), [len(own) for own in labels])
+    target = np.repeat(np.arange(len(labels)), [*map(len, labels)])
     # no two targets have a number in common
     numbers = len(target) * target + np.concatenate(labels)
     _, first, group = np.unique(numbers, return_index=True, return_inverse=True)
@@ -258,8 +258,8 @@ def first_alike(
     pairs = KDTree(places).query_pairs(within, output_type="ndarray")
     firsts = np.arange(len(places))
     # profiles of one pose are as many pairs as their square: some at a time
-    for some in range(0, len(pairs), 100_000):
-        i, j = pairs[some : some + 100_000].T  # i < j
+    for some in np.array_split(pairs, 1 + len(pairs) // 100_000):
+        i, j = some.T  # i < j
         chosen = alike(i, j)
         np.minimum.at(firsts, j[chosen], i[chosen])
     return np.unique(firsts, return_inverse=True)[1]

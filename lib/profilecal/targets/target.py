@@ -260,8 +260,8 @@ class Target:
 
     @property
     def across_mm(self) -> float:
-        """How far to either side sweeps go."""
-        return 20.0
+        """How far to either side sweeps go: half of its first length, if it has one."""
+        return self.measures[0] / 2 if self.measures else 20.0
 
     def outline(
         self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray
