@@ -23,6 +23,7 @@ from profilecal.geometry.checks import (
     check_positions,
     check_rotations,
 )
+from profilecal.geometry.poses import unit
 
 
 def solve_ball(R_tcp: ArrayLike, T_tcp: ArrayLike, q: ArrayLike) -> TwoStepSolution:
@@ -88,23 +89,22 @@ def solve_ball(R_tcp: ArrayLike, T_tcp: ArrayLike, q: ArrayLike) -> TwoStepSolut
     )
     first, others = still[0], still[1:]
     lines = q[first] - q[others]
-    lengths = np.linalg.norm(lines, axis=1)
-    if not lengths.all():
+    same = others[~lines.any(axis=1)]
+    if same.size:
         raise ValueError(
-            f"q[{others[lengths.argmin()]}] is q[{first}], {q[first]}; "
+            f"q[{same[0]}] is q[{first}], {q[first]}; "
             "expected ball centres apart from the first"
         )
-    directions = lines / lengths[:, None]
     check_line(
-        directions,
+        unit(lines),
         f"all {len(others)} differences of ball centres are parallel in the sensor "
         "frame",
         "the rotation about them cannot be known; translate along another line",
     )
     check_orientations(R_tcp[turning], "turning poses")
 
-    Y = R_tcp[first].T @ (T_tcp[others] - T_tcp[first]).T
-    rotation = solve_rotation(directions.T, Y / np.linalg.norm(Y, axis=0))
+    moved = (T_tcp[others] - T_tcp[first]) @ R_tcp[first]
+    rotation = solve_rotation(unit(lines).T, unit(moved).T)
     given = R_tcp[turning], T_tcp[turning], q[turning]
     return TwoStepSolution(rotation, solve_translation(*given, rotation.R_sensor))
 

@@ -28,6 +28,7 @@ from profilecal.geometry.fitting import (
     from_components,
     principal_axes,
 )
+from profilecal.geometry.poses import unit
 
 # a straight motion leaves its line by less than this part of its length
 STRAIGHT = 0.01
@@ -380,9 +381,7 @@ def disk_equations(
 
     Eq. 14's vectors are given unit length.
     """
-    X = (D_i / np.linalg.norm(D_i, axis=-1, keepdims=True)).mT
-    D_b = D_b / np.linalg.norm(D_b, axis=-1, keepdims=True)
-    Y = np.vecmat(D_b, R_tcp).mT  # columns R_tcp⁻¹ D_b
-    rotation = solve_rotation(X, Y)
+    Y = np.vecmat(unit(D_b), R_tcp).mT  # columns R_tcp⁻¹ D_b
+    rotation = solve_rotation(unit(D_i).mT, Y)
     translation = solve_translation(R_tcp, T_tcp, q, rotation.R_sensor)
     return TwoStepSolution(rotation, translation)

@@ -234,10 +234,8 @@ def pair_equations(R_b: ndarray, u_s: ndarray, u_t: ndarray) -> tuple[ndarray, n
     C = transposed_skew(u_t) @ R_b
     C_i, C_j = C[..., i, :, None, :], C[..., j, :, None, :]
     s_i, s_j = u_s[..., i, None, ::2, None], u_s[..., j, None, ::2, None]  # x and z
-    A_r = np.empty((*C.shape[:-3], len(i), 3, 3, 3))
-    A_r[..., ::2, :] = s_i * C_j - s_j * C_i
     minor = s_i[..., 1, :] * s_j[..., 0, :] - s_j[..., 1, :] * s_i[..., 0, :]
-    A_r[..., 1, :] = minor * R_b
+    A_r = np.insert(s_i * C_j - s_j * C_i, 1, minor * R_b, axis=-2)
     b_r = -np.cross(u_t[..., i, :], u_t[..., j, :])  # Eq. 16
     batch = A_r.shape[:-5]
     return A_r.reshape(*batch, -1, 9), b_r.reshape(*batch, -1)

@@ -113,10 +113,14 @@ def homogeneous(rotation: ndarray, translation: ndarray) -> ndarray:
     return matrix
 
 
+def unit(vectors: ndarray) -> ndarray:
+    """Vectors (..., k) of length one in the same directions."""
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
 def directions(rng: np.random.Generator, shape: tuple[int, ...]) -> ndarray:
     """Unit vectors (*shape, 3), uniform over the sphere."""
-    vectors = rng.normal(size=(*shape, 3))
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return unit(rng.normal(size=(*shape, 3)))
 
 
 def rotations(vectors: ndarray) -> ndarray:
@@ -150,8 +154,7 @@ def in_base(
 
 def frame_around(axis: ndarray) -> ndarray:
     """Frames (..., 3, 3), in columns, whose z is the unit vector `axis` (..., 3)."""
-    x = np.cross(axis, np.eye(3)[np.abs(axis).argmin(axis=-1)])
-    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    x = unit(np.cross(axis, np.eye(3)[np.abs(axis).argmin(axis=-1)]))
     return np.stack([x, np.cross(axis, x), axis], axis=-1)
 
 

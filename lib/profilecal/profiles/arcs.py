@@ -90,7 +90,7 @@ class BallSections:
         """That a circle is larger than the ball."""
         off, normals = found.off_and_normals(points[on])
         J = np.column_stack([normals, np.ones(len(off))])  # by centre and radius
-        variance = (off**2).sum() / max(len(off) - 3, 1) * variance_inflation(off)
+        variance = off @ off / max(len(off) - 3, 1) * variance_inflation(off)
         radius_sd = np.sqrt(variance * np.linalg.inv(J.T @ J)[2, 2])
         if found.radius > 1.01 * self.radius + 4 * radius_sd:
             largest = f"expected at most the ball's {self.radius:.4g} mm"

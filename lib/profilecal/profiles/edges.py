@@ -68,13 +68,13 @@ def usual_look(shown_by: dict[Look, int]) -> Look:
     it is a corner, if there is one, then the most frequent, and where both tie the one
     of smaller sign, so that no order of a set decides.
     """
-
-    def order(look: Look) -> tuple[bool, int, int]:
-        return look.shape != "corner", -shown_by[look], look.sign
-
     most = max(shown_by.values(), default=0)
     often = [look for look, count in shown_by.items() if 2 * count >= most]
-    return min(often, key=order, default=Look(""))
+    return min(
+        often,
+        key=lambda look: (look.shape != "corner", -shown_by[look], look.sign),
+        default=Look(""),
+    )
 
 
 def corners(runs: list[Run], view: View) -> Iterator[Candidate]:

@@ -53,7 +53,7 @@ class View:
         # all z on one side of zero, and far from it for the depth of a profile: zero is
         # at the scanner
         is_far = (sign * z > usual_depth / 2).all()
-        return View(borders_of(shown), sign if is_far else 0)
+        return View(borders_of(shown), sign * is_far)
 
     def may_cut(self, point: ndarray) -> bool:
         """Whether the field of view may end at a point (2,)."""

@@ -58,7 +58,7 @@ def in_order(profile: ndarray) -> ndarray:
     rows = np.flatnonzero(present(profile))
     x = profile[rows, 0]
     steps = np.diff(x)
-    if (steps < 0).sum() > (steps > 0).sum():
+    if np.sign(steps).sum() < 0:
         rows, x, steps = rows[::-1], x[::-1], -steps[::-1]
     is_rising = 4 * (steps < 0).sum() < len(steps)
     if is_rising and steps.min() < -jump * np.median(np.abs(steps)):
@@ -110,10 +110,10 @@ def variance_inflation(errors: ndarray) -> float:
     """
     longest = 40  # lag, in points
     k = len(errors)
-    square = (errors**2).sum()
+    square = errors @ errors
     total = 1.0
     for lag in range(1, min(longest, k // 4)):
-        rho = (errors[lag:] * errors[:-lag]).sum() / square if square else 0.0
+        rho = errors[lag:] @ errors[:-lag] / square if square else 0.0
         if rho < 2 / np.sqrt(k):
             break
         total += 2 * rho

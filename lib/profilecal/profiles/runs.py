@@ -81,9 +81,10 @@ class Run:
         It is larger where neighbouring points err alike.
         """
         k = len(self.off)
-        variance = (self.off**2).sum() / max(k - 2, 1) * variance_inflation(self.off)
-        from_middle = (places - self.point) @ self.direction
-        by_slope = np.outer(from_middle, from_middle) / (self.along**2).sum()
+        square = self.off @ self.off
+        variance = square / max(k - 2, 1) * variance_inflation(self.off)
+        from_middle = self.coordinates(places)[0]
+        by_slope = np.outer(from_middle, from_middle) / (self.along @ self.along)
         return variance * (1 / k + by_slope)
 
     def covariance_across(self, places: ndarray) -> ndarray:

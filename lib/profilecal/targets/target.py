@@ -38,7 +38,7 @@ from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import Frames, directions, frame_around
+from profilecal.geometry.poses import Frames, directions, frame_around, unit
 from profilecal.profiles.points import Feature, Profiles, in_order
 
 # of vectors in the sensor frame x, y and z, each an array (batch, 1 or points, poses)
@@ -288,8 +288,7 @@ def up_and_aside(
     """Unit vectors square to a direction (3,): against `away` (..., 3), which points
     away from the scanner; and to the side of x (..., 3).
     """
-    up = (away @ direction)[..., None] * direction - away
-    up = up / np.linalg.norm(up, axis=-1, keepdims=True)
+    up = unit((away @ direction)[..., None] * direction - away)
     aside = np.cross(up, direction)
     return up, aside * np.sign(np.vecdot(aside, x))[..., None]
 
