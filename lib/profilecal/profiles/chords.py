@@ -27,7 +27,7 @@ def find_chords(profiles: Profiles, radius: float) -> list[Feature]:
 
 def why_no_chord(runs: list[Run], view: View) -> str:
     """Why a single run is none; empty where no more can be said than that."""
-    tips = [one.points[-1] for run in facing(runs) for one in (run, run.reversed())]
+    tips = [tip for run in facing(runs) for tip in run.points[[0, -1]]]
     if len(tips) != 2 or not any(map(view.may_cut, tips)):
         return ""
     return f"may be cut by the field of view; chords should end {CLEAR:g} mm inside it"

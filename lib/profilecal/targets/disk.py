@@ -161,7 +161,7 @@ class Disk(Target):
         groups, positions = views.shape
         normals = views.normals
         sides = np.where(np.arange(groups) % 2, -1, 1)
-        way = normals + sides[:, None] * np.array(Y)
+        way = normals + np.outer(sides, Y)
         way = way / way[:, 1:2]
         if views.one_way:
             way[:] = way[0]

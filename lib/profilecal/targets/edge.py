@@ -98,10 +98,9 @@ class Edge(Target):
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """The edge as long as it was seen."""
-        low, high = np.nanpercentile((points - self.point) @ self.direction, [1, 99])
-        # a tenth longer at both ends
-        ends = np.array([1.1 * low - 0.1 * high, 1.1 * high - 0.1 * low])
-        return [self.point + ends[:, None] * self.direction]
+        ends = np.nanpercentile((points - self.point) @ self.direction, [1, 99])
+        ends = ends + 0.1 * (ends - ends[::-1])  # a tenth longer at both ends
+        return [self.point + np.outer(ends, self.direction)]
 
     def outline(
         self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray

@@ -171,12 +171,22 @@ class Target:
         A sensor frame in each point, along the base's axes, has the point in its
         origin, and the distance is `residual_in_space`.
         """
-        origin, axes = self.frame
-        from_point = (origin - points).T
+        residuals = self.of_origins(self.residual_in_space, np.eye(3), points)
+        return np.linalg.norm(residuals, axis=0)[..., 0, 0]
+
+    def of_origins(
+        self, residual: Callable, rotation: ndarray, origin: ndarray
+    ) -> list[ndarray]:
+        """Residuals, each (..., points, 1), of the origins of sensor frames
+        (..., 3, 3), (..., 3), as if points were seen there.
+        """
+        place, axes = self.frame
+        vectors = (place - origin, *np.moveaxis(axes, -1, 0))
+        seen = (np.moveaxis(np.vecmat(v, rotation), -1, 0) for v in vectors)
+        centre, *directions = (v[..., None, None] for v in seen)
         with np.errstate(divide="ignore", invalid="ignore"):
-            sight = Sight(from_point, axes.T, np.zeros((2, 1)), self.measures)
-            residuals, _, _ = self.residual_in_space(sight)
-        return np.linalg.norm(residuals, axis=0)
+            sight = Sight(centre, directions, 0 * centre[::2], self.measures)
+            return residual(sight)[0]
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """Polylines (n, 3) that draw it, as far as it was seen at points (k, 3)."""
@@ -217,13 +227,7 @@ class Target:
         That is minus the `residual` of points in the sensor's origin. A target with any
         number of points has none, or what its table of a folder holds.
         """
-        place, axes = self.frame
-        vectors = (place - origin, *np.moveaxis(axes, -1, 0))
-        seen = (np.moveaxis(np.vecmat(v, rotation), -1, 0) for v in vectors)
-        centre, *directions = (v[..., None, None] for v in seen)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            sight = Sight(centre, directions, 0 * centre[::2], self.measures)
-            (x, z, *_), _, _ = self.residual(sight)
+        x, z, *_ = self.of_origins(self.residual, rotation, origin)
         met = -np.concatenate([x, z], axis=-1)
         return met if self.points != 1 else met[..., 0, :]
 
