@@ -168,8 +168,8 @@ def explain(
     else:
         size = size_direction(found.sd[0], found.directions[0])
         known = f"known only to {size}"
-    verbs = {"unobservable": "cannot be", "weak": "is poorly"}
-    return [f"{what} {verbs[str(found.status)]} determined ({known}): {why}"]
+    verbs = {"unobservable": "cannot be determined", "weak": "is poorly determined"}
+    return [f"{what} {verbs[str(found.status)]} ({known}): {why}"]
 
 
 def what_is_open(found: Spectrum, R_sensor: ndarray, frame: str) -> str:

@@ -106,9 +106,9 @@ def corners(runs: list[Run], view: View) -> Iterator[Candidate]:
         covariance = crossing_covariance(before, after, apex)
         used = np.concatenate([before.rows, after.rows])
         feature = Feature(apex[None], covariance[None], used, "corner")
-        bend = np.arccos(before.direction @ after.direction)
+        angle = np.arccos(-before.direction @ after.direction)
         support = min(before.length, after.length)
-        yield Candidate(feature, sign, support, np.pi - bend)
+        yield Candidate(feature, sign, support, angle)
 
 
 def of_usual_angle(
