@@ -56,7 +56,7 @@ class Plane(Target):
     def residual(sight: Sight) -> Linearised:
         """Distance from the line in which the planes meet."""
         ey_by_turn = cross(sight.axes[2], Y)
-        return in_scan_plane(Plane.residual_in_space(sight), 0, ey_by_turn)
+        return in_scan_plane(Plane.residual_in_space(sight), np.zeros(3), ey_by_turn)
 
     @staticmethod
     def residual_in_space(sight: Sight) -> Linearised:

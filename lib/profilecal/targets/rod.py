@@ -79,7 +79,8 @@ class Rod(Round):
         j = -d[1] * d - e[1] * e
         j[1] += 1
         j /= f + sight.sizes[0]
-        by_turn = np.subtract(cross(e, Y), cross(sight.offset, j))
+        turned, moved = cross(e, Y), cross(sight.offset, j)
+        by_turn = [turned[k] - moved[k] for k in range(3)]
         return in_scan_plane(in_space, -j, by_turn)
 
     @staticmethod

@@ -35,7 +35,6 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy import ndarray
-from numpy.typing import ArrayLike
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import Frames, directions, frame_around, unit
@@ -298,7 +297,7 @@ def up_and_aside(
 
 
 def in_scan_plane(
-    in_space: Linearised, ey_by_shift: ArrayLike, ey_by_turn: ArrayLike
+    in_space: Linearised, ey_by_shift: Components, ey_by_turn: Components
 ) -> Linearised:
     """What `Target.residual` returns of a distance in space, mm, taken within the scan
     plane, to first order.
@@ -307,11 +306,14 @@ def in_scan_plane(
     where h² = ex² + ez² = 1 - ey². The residual is f / h, its derivative
     df / h + (f ey / h³) dey. Its force, which is -e, and its torque are what a shift
     and a turn of the target change in f; beside them is what they change in ey, by
-    components or nothing.
+    components.
     """
     (distance,), (force,), (torque,) = in_space
     h = np.sqrt(np.maximum(force[0] ** 2 + force[2] ** 2, 1e-12))
     by_ey = -distance * force[1] / h**3
-    by_shift = force / h + by_ey * ey_by_shift
-    by_turn = np.array(torque) / h + by_ey * np.array(ey_by_turn)
+
+    def within(df: Components, dey: Components) -> list[ndarray]:
+        return [f / h + by_ey * ey for f, ey in zip(df, dey, strict=True)]
+
+    by_shift, by_turn = within(force, ey_by_shift), within(torque, ey_by_turn)
     return [distance / h], [by_shift], [by_turn]
