@@ -119,11 +119,17 @@ class RodSections:
         def section_at(state: ndarray) -> Section:
             return Section(state[:2], state[2:], self.radius)
 
+        def off(state: ndarray) -> ndarray:
+            return section_at(state).off_and_normals(points)[0]
+
+        def derivatives(state: ndarray) -> ndarray:
+            return section_at(state).derivatives(points)
+
         start = near if near.lean.any() else leaning(near, points, self.radius)
         fitted = least_squares(
-            lambda state: section_at(state).off_and_normals(points)[0],
+            off,
             np.concatenate([start.centre, start.lean]),
-            lambda state: section_at(state).derivatives(points),
+            derivatives,
             method="lm",
             x_scale="jac",
             ftol=1e-4,  # of the sum of squares: far below what noise changes
