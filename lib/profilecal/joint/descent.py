@@ -2,7 +2,7 @@
 where none is known.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -33,13 +33,12 @@ def refine(
     iterations: int = 60,
     tolerance: float = 1e-10,
     damping: float = 1e-4,
-    move: Callable[[State, ndarray], State] | None = None,
+    anew: bool = False,
 ) -> Fit:
     """The state of least loss nearest to each of B states, by the scanner's noise
     alone, as Levenberg's and Marquardt's descent finds it for all of them at once.
 
-    `scale`: as `Problem.moments` takes it. `move(state, step)`: how a step is taken, if
-    not as `Problem.move` does.
+    `scale`: as `Problem.moments` takes it; `anew`: as `Problem.move` does.
 
     Each problem has its own damping μ. It follows how much of what a step promised came
     true, the gain γ (Nielsen 1999): after a step that lowers the loss, μ is multiplied
@@ -49,7 +48,6 @@ def refine(
     Ends where a step is below `tolerance` (rad, and a hundred times that in mm) or
     promises less than rounding.
     """
-    move = move or problem.move
     B = len(state.rotation)
     factor = np.full(B, damping)
     growth = np.full(B, 2.0)
@@ -59,9 +57,10 @@ def refine(
         for _ in range(iterations):
             step, promise = damped_step(here.normal, factor)
             small = reach(step) < tolerance
-            trial = move(here.state, step)
+            trial = problem.move(here.state, step, anew)
             # a small last step is taken without another look
-            here = replace(here, state=trial.where(small & ~done, here.state))
+            if small.any():
+                here = replace(here, state=trial.where(small & ~done, here.state))
             rounding = promise <= 1e-14 * here.loss
             done |= small | rounding
             if done.all():
@@ -144,16 +143,8 @@ def onward(problem: Problem, state: State, steps: int) -> Fit:
     """Where that many steps lead, best first. After each, targets are placed anew where
     that is best (variable projection; Golub and Pereyra 1973).
     """
-
-    def move(state: State, step: ndarray) -> State:
-        moved = problem.move(state, step)
-        placements = list(moved.placements)
-        for index, term in enumerate(problem.terms):
-            if term.target.fit_is_best:
-                placements[index] = term.place(moved.rotation, moved.translation)
-        return replace(moved, placements=tuple(placements))
-
-    return refine(problem, state, iterations=steps, damping=1e-3, move=move).best_first
+    fits = refine(problem, state, iterations=steps, damping=1e-3, anew=True)
+    return fits.best_first
 
 
 def search_among_outliers(problem: Problem, found: State) -> State:

@@ -73,6 +73,10 @@ from profilecal.targets.observations import PoseGroups
 
 ROUNDING = 1e-13  # of the largest entry of a matrix of products
 AT_ONCE = 45_000  # numbers of rows, of several sets or of a part: what a cache holds
+# On Linux, memory of arrays above 128 kB goes back to the system with each of them, and
+# the next one pays for its pages again, until one that is larger has come and gone: as
+# this one, without which a calibration takes a sixth longer.
+np.empty(2_000_000)
 
 
 @dataclass(frozen=True)

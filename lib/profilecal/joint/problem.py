@@ -1,7 +1,7 @@
 """All that was seen, with the scanner's noise, as one least-squares problem."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -128,6 +128,11 @@ class Problem:
         """The same problem of other observations of these targets."""
         known = self.systematic, self.terms[0].in_space, self.mount, self.known_smooth
         return Problem(observations, self.noise, *known)
+
+    @cached_property
+    def alike(self) -> "Problem":
+        """The same with the noise of all points alike."""
+        return self.of(replace(seen, covariance=None) for seen in self.observations)
 
     def later(self, seconds: float) -> "Problem":
         """With what was seen in motion so much later in the robot's log."""
@@ -287,17 +292,20 @@ class Problem:
             square += np.sum(residual**2)
         return float(np.sqrt(square / self.counts[profiles].sum()))
 
-    def move(self, state: State, step: ndarray) -> State:
-        """The state after a step (B, n)."""
-        placements = tuple(
-            term.move(placement, step[:, own])
-            for term, placement, own in zip(
-                self.terms, state.placements, self.parts, strict=True
-            )
-        )
+    def move(self, state: State, step: ndarray, anew: bool = False) -> State:
+        """The state after a step (B, n). `anew`: with targets placed anew where that is
+        best.
+        """
         shifted = carry(state.rotation, state.translation, step[:, :3])
         turned = state.rotation @ rotations(step[:, 3:6])
-        return State(turned, shifted, placements)
+        placements = []
+        terms = zip(self.terms, state.placements, self.parts, strict=True)
+        for term, placement, own in terms:
+            if anew and term.target.fit_is_best:
+                placements.append(term.place(turned, shifted))
+            else:
+                placements.append(term.move(placement, step[:, own]))
+        return State(turned, shifted, tuple(placements))
 
     def place(self, rotation: ndarray, translation: ndarray) -> State:
         """Sensor poses (B, 3, 3), (B, 3) with each target placed where they see it."""

@@ -123,9 +123,8 @@ def typical_mm(problem: Problem, fits: Fit) -> float:
     """How large the residuals of most poses are in the first of some fits; in mm, as
     the noise of points need not be the same in all directions.
     """
-    alike = problem.of(replace(seen, covariance=None) for seen in problem.observations)
-    there = alike.moments(fits.state[[0]])
-    return float(alike.typical(there)[0] * problem.noise.profile_mm)
+    there = problem.alike.moments(fits.state[[0]])
+    return float(problem.typical(there)[0] * problem.noise.profile_mm)
 
 
 def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
