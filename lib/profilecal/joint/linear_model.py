@@ -67,16 +67,11 @@ from numpy import ndarray
 
 from profilecal.geometry.noise import by_unit
 from profilecal.geometry.observability import HAND_PRECISION
-from profilecal.joint.nesting import Level, add_up, nesting
+from profilecal.joint.nesting import AT_ONCE, Level, add_up, nesting, parts_of
 from profilecal.joint.smooth import SmoothErrors
 from profilecal.targets.observations import PoseGroups
 
 ROUNDING = 1e-13  # of the largest entry of a matrix of products
-AT_ONCE = 45_000  # numbers of rows, of several sets or of a part: what a cache holds
-# On Linux, memory of arrays above 128 kB goes back to the system with each of them, and
-# the next one pays for its pages again, until one that is larger has come and gone: as
-# this one, without which a calibration takes a sixth longer.
-np.empty(2_000_000)
 
 
 @dataclass(frozen=True)
@@ -128,7 +123,7 @@ class Factors:
         b = np.zeros((S, self.count, axes, columns))
         c = np.zeros_like(b)
         E_W = np.empty((S, bundles, axes, columns))
-        for part in parts_of(Z):
+        for part in parts_of(len(Z), Z[:1].size):
             np.matmul(self.root[:, part], Z[part], out=of_profiles[:, part])
             np.matmul(self.W_E[:, part].mT, W[:, part], out=E_W[:, part])
         add_up(c, self.rows.groups, E_W)
@@ -145,7 +140,7 @@ class Factors:
             beta = node.Ms @ c[:, groups]
             b[:, groups] = above + node.s * beta
             products += squares(beta)
-        for part in parts_of(Z):
+        for part in parts_of(len(Z), Z[:1].size):
             W[:, part] -= self.W_E[:, part] @ b[:, self.rows.groups[part]]
             products += squares(W[:, part])
         return products, W, c
@@ -405,9 +400,7 @@ class LinearModel:
         log_det = count * np.log(v0)
         factors = None
         if self.flange_errs:
-            some = max(1, AT_ONCE // self.rows.Z.size)
-            for start in range(0, len(v), some):
-                part = slice(start, start + some)
+            for part in parts_of(len(v), self.rows.Z.size):
                 factors = self.factors(v[part])
                 N[part] += factors.solve(self.rows.Z)[0]
                 log_det[part] += factors.log_det
@@ -515,7 +508,7 @@ class LinearModel:
         slope += of_groups
         slope[rows.errors] += np.tensordot(rows.parts, P, 4)
         slope -= np.tensordot(w, F, 3)
-        for part in parts_of(X):
+        for part in parts_of(len(X), X[:1].size):
             CA = X[part, ..., :-1]
             across += np.tensordot(CA, F[part], ((0, 1, 2), (0, 1, 2)))
         within += factors.solve(F)[0][0]
@@ -533,7 +526,7 @@ class LinearModel:
         Q = factors.covariances[factors.rows.groups, None]
         P = root.mT @ (np.eye(self.q) - W_E @ Q @ W_E.mT) @ root  # of C⁻¹
         X = W.reshape(*root.shape[:-1], -1)
-        for part in parts_of(X):
+        for part in parts_of(len(X), X[:1].size):
             X[part] = root[part].mT @ X[part]
             CA = X[part, ..., :-1]
             P[part] -= CA @ V @ CA.mT
@@ -598,12 +591,6 @@ class LinearModel:
             covariances[profiles] = covariance
             errors[profiles] = (covariance @ w[real][..., None])[..., 0]
         return errors, covariances
-
-
-def parts_of(Z: ndarray) -> list[slice]:
-    """Parts of bundles of rows (b, Q, q, columns) that a cache holds."""
-    step = max(1, AT_ONCE // max(1, Z[:1].size))
-    return [slice(k, k + step) for k in range(0, len(Z), step)]
 
 
 def inverse_root(C: ndarray) -> tuple[ndarray, ndarray]:

@@ -8,6 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 
+AT_ONCE = 45_000  # numbers of rows, of several sets or of a part: what a cache holds
+# On Linux, memory of arrays above 128 kB goes back to the system with each of them, and
+# the next one pays for its pages again, until one that is larger has come and gone: as
+# this one, without which a calibration takes a sixth longer.
+np.empty(2_000_000)
+
 
 @dataclass(frozen=True, eq=False)
 class Level:
@@ -63,6 +69,12 @@ def add_up(sums: ndarray, holders: ndarray, parts: ndarray) -> None:
     if len(firsts) < len(holders):
         parts = np.add.reduceat(parts, firsts, axis=1)
     sums[:, holders[firsts]] += parts
+
+
+def parts_of(count: int, size: int) -> list[slice]:
+    """So many things, of so many numbers each, in parts that a cache holds."""
+    step = max(1, AT_ONCE // max(1, size))
+    return [slice(k, k + step) for k in range(0, count, step)]
 
 
 def nesting(profiles: int, numbers: Sequence[ndarray]) -> Nesting:

@@ -22,13 +22,14 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.poses import Frames, inverse, nearest_rotation
+from profilecal.joint.nesting import parts_of
 
 # A way over which the errors change by as much as they are; over a radian they do too.
 REACH_MM = 750.0
 # A turn of the view counts as the way of a point so far from its middle.
 VIEW_MM = 20.0
 COEFFICIENTS = 27
-CHUNK = 500  # profiles whose motions are made at once
+SIZE = 6 * (12 + COEFFICIENTS)  # numbers of the motions of a profile
 # shifts (3, 3) of the ends of the three axes by turns
 BY_AXES = np.cross(np.eye(3), np.eye(3)[:, None]).mT
 # middle and steps of `SmoothErrors`
@@ -69,10 +70,10 @@ class SmoothErrors:
         """
         columns = np.empty((*by_flange.shape[:2], COEFFICIENTS))
         numbers = np.arange(len(self.poses[0]))[profiles]
-        for chunk in chunks_of(np.arange(len(columns))):
-            rigid, errors = self.motions(numbers[chunk])
-            by = by_flange[chunk]
-            columns[chunk] = by @ errors - (by @ rigid) @ self.steps
+        for part in parts_of(len(columns), SIZE):
+            rigid, errors = self.motions(numbers[part])
+            by = by_flange[part]
+            columns[part] = by @ errors - (by @ rigid) @ self.steps
         return columns
 
     def keeping(self, kept: ndarray) -> "SmoothErrors":
@@ -81,24 +82,26 @@ class SmoothErrors:
         """
         weights = np.repeat([1.0, VIEW_MM], 3)[:, None]
         products = np.zeros((12 + COEFFICIENTS,) * 2)
-        for chunk in chunks_of(np.flatnonzero(kept)):
-            motions = np.concatenate(self.motions(chunk), axis=2)
-            of_view = weights * shifting(self.arms(chunk) + self.seen) @ motions
+        numbers = np.flatnonzero(kept)
+        for part in parts_of(len(numbers), SIZE):
+            some = numbers[part]
+            motions = np.concatenate(self.motions(some), axis=2)
+            of_view = weights * shifting(self.arms(some) + self.seen) @ motions
             products += np.tensordot(of_view, of_view, ((0, 1), (0, 1)))
         rigid, across = products[:12, :12], products[:12, 12:]
         units = np.diag(rigid)[:, None] ** -0.5
         inverse = np.linalg.pinv(units * rigid * units.T, 1e-12, hermitian=True)
         return replace(self, steps=units * (inverse @ (units * across)))
 
-    def motions(self, chunk: ndarray) -> tuple[ndarray, ndarray]:
+    def motions(self, some: ndarray) -> tuple[ndarray, ndarray]:
         """Of some profiles (k,), by number: motions (k, 6, 12) by steps of the sensor
         pose and of the base, and (k, 6, 27) by each coefficient.
         """
-        R, T = (array[chunk] for array in self.poses)
+        R, T = (array[some] for array in self.poses)
         rotation, place = self.middle
         to_sensor = (R @ self.sensor[0]).mT
         rigid = np.zeros((len(R), 6, 12))
-        rigid[:, :, :6] = shifting(-self.arms(chunk))
+        rigid[:, :, :6] = shifting(-self.arms(some))
         rigid[:, :3, 6:9] = rigid[:, 3:, 9:] = to_sensor
         if not self.to_hand:  # there the base turns about itself
             rigid[:, :3, 9:] = to_sensor @ shifts_by_turn(T)
@@ -116,12 +119,12 @@ class SmoothErrors:
         errors[:, 1, :, 2] = self.ratio * of_turn
         return rigid, errors.reshape(-1, 6, COEFFICIENTS)
 
-    def arms(self, chunk: ndarray) -> ndarray:
+    def arms(self, some: ndarray) -> ndarray:
         """From the flange to the sensor of some profiles, in its frame, (k|1, 3)."""
         R_sensor, T_sensor = self.sensor
         if not self.to_hand:
             return (T_sensor @ R_sensor)[None]
-        R, T = (array[chunk] for array in self.poses)
+        R, T = (array[some] for array in self.poses)
         return (T_sensor - positions(R, T, to_hand=True)) @ R_sensor
 
 
@@ -145,11 +148,6 @@ def smooth_errors(
     none = np.zeros((12, COEFFICIENTS))  # until they are found
     errors = SmoothErrors(poses, sensor, seen, ratio, to_hand, middle, none)
     return errors.keeping(np.ones(len(R), dtype=bool))
-
-
-def chunks_of(profiles: ndarray) -> list[ndarray]:
-    """Numbers of profiles, some at a time."""
-    return [profiles[k : k + CHUNK] for k in range(0, len(profiles), CHUNK)]
 
 
 def positions(R: ndarray, T: ndarray, to_hand: bool) -> ndarray:

@@ -48,6 +48,10 @@ MANY = 0.1  # of the poses: so many that contradict a fit may all be right
 MOST_MISTAKES = 0.2  # of the poses that anyone makes
 UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
 ROUNDS = 10  # of estimates; one or two are usual
+UNSETTLED = (
+    f"the answer, or which poses belong to it, still changed after {ROUNDS} rounds; "
+    "look at the poses that were left out, and add others"
+)
 
 
 def solve(
@@ -186,6 +190,7 @@ class Estimate:
     columns: list  # of the targets there, as `Problem.columns_in_mm` has them
     model: LinearModel
     error_sizes: ErrorSizes
+    settled: bool  # whether another round would change nothing
 
 
 def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Estimate:
@@ -195,29 +200,29 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
     """
     names = prior.names(problem.groups.distinguishable)
     law = prior.law(names)
-    y = None
+    likely = None
     # profiles: `first`, that large errors explain; `kept`, that a model rests on;
     # `after`, that belong by what it says
-    for turn in range(ROUNDS):
+    for _ in range(ROUNDS):
+        if likely:
+            problem, state = after_step(problem, state, likely.posterior.mean[0])
         columns = problem.columns_in_mm(state)
         model = problem.model(state, names, columns=columns)
-        if turn == 0:
-            first = model.kept
+        if not likely:
+            first = kept = after = model.kept
             if robust:
-                first = of_large_errors(problem, state, model, prior)
-            kept = first
+                first = kept = of_large_errors(problem, state, model, prior)
         model = model.keeping(kept)
-        likely = likeliest(model, law, y)
-        y, posterior = likely.y, likely.posterior
-        after = kept
+        likely = likeliest(model, law, likely and likely.y)
         if robust:
-            after = still_belonging(problem, model, posterior, first)
-        settled = (after == kept).all() and leaves_little(problem, posterior)
-        if settled or turn == ROUNDS - 1:
+            after = still_belonging(problem, model, likely.posterior, first)
+        same = bool((after == kept).all())
+        settled = same and leaves_little(problem, likely.posterior)
+        if settled:
             break
-        problem, state = after_step(problem, state, posterior.mean[0])
         kept = after
-    return Estimate(problem, state, columns, model, average(model, prior, likely))
+    found = average(model, prior, likely)
+    return Estimate(problem, state, columns, model, found, settled)
 
 
 def still_belonging(
@@ -340,25 +345,17 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
     covariance = error_sizes.covariance[:6, :6] * enlargement
     rank = spectrum(posterior.normal[0, :n, :n], problem.units).rank
     observability = of_covariance(covariance, rank, n)
-    status, left_open = str(observability.status), observability
-    if problem.clock is not None:
-        status, left_open, remarks = delay.verdict(
-            error_sizes.covariance,
-            problem.clock,
-            observability,
-            state.rotation[0],
-            frame_of(problem),
-        )
-        messages += remarks
-    R_flange = np.concatenate([entry.R_flange[0] for entry in problem.observations])
-    messages += explain(left_open, state.rotation[0], R_flange, frame_of(problem))
+    status, remarks = how_known(problem, state, error_sizes, observability)
+    messages += remarks
     if status != "unobservable":
         # χ² of the six unknowns of a sensor pose rarely exceeds 12
         largest = chi2 + 12 * max(1.0, chi2 / dof)
-        twins = twin(estimated, state, observability, largest, others)
-        if twins:
+        against = twin(estimated, state, observability, largest, others)
+        if not estimated.settled:
+            against.append(UNSETTLED)
+        if against:
             status = "weak"
-            messages += twins
+            messages += against
 
     terms = zip(problem.terms, state.placements, strict=True)
     sizes = {size.name: size.middle for size in error_sizes.sizes}
@@ -382,6 +379,21 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
         messages=tuple(messages),
         problem=problem,
     )
+
+
+def how_known(
+    problem: Problem, state: State, error_sizes: ErrorSizes, known: Spectrum
+) -> tuple[str, list[str]]:
+    """The status of a sensor pose of which so much is `known`, and what a person should
+    know of that, and do.
+    """
+    status, rotation, frame = str(known.status), state.rotation[0], frame_of(problem)
+    remarks = []
+    if problem.clock is not None:
+        C = error_sizes.covariance
+        status, known, remarks = delay.verdict(C, problem.clock, known, rotation, frame)
+    R_flange = np.concatenate([entry.R_flange[0] for entry in problem.observations])
+    return status, remarks + explain(known, rotation, R_flange, frame)
 
 
 def enlargement_by_misfit(
@@ -412,8 +424,6 @@ def twin(
     of at most `largest`.
     """
     problem, model = estimated.problem, estimated.model
-    pairs = zip(problem.observations, problem.split(model.kept), strict=True)
-    kept = problem.of(entry.keep(own) for entry, own in pairs)
 
     def apart(others: State) -> tuple[ndarray, ndarray]:
         """Errors (B, 6) of the state if others are right, and whether it is another."""
@@ -423,6 +433,8 @@ def twin(
         return delta, normalised_square(known.covariance, delta) > 50
 
     for k in np.flatnonzero(apart(others)[1]):
+        pairs = zip(problem.observations, problem.split(model.kept), strict=True)
+        kept = problem.of(entry.keep(own) for entry, own in pairs)
         other = refine(kept, others[[k]], tolerance=ROUGHLY).state
         there = problem.model(other, model.names).keeping(model.kept)
         posterior = there.posterior(estimated.error_sizes.v[None])
