@@ -168,9 +168,9 @@ def robustly(problem: Problem, state: State, rounds: int) -> Fit:
     """
     fits = problem.moments(state)
     for _ in range(rounds):
-        unit = problem.unit(fits)
+        unit = problem.typical(fits)
         fits = refine(problem, fits.state, scale=unit, iterations=8, tolerance=ROUGHLY)
-    return fits[np.argsort(problem.unit(fits), kind="stable")]
+    return fits[np.argsort(problem.typical(fits), kind="stable")]
 
 
 def thin(observations: Observations, count: int) -> Observations:

@@ -467,14 +467,13 @@ class LinearModel:
         z = np.append(x, 1.0)
         rest, count = self.rest_of_kept
         square = z @ rest @ z
-        slope = np.zeros(k)  # tr P M_k - wᵀ M_k w
-        slope[0] = count / v0 - (square + np.sum(V * rest[:-1, :-1])) / v0**2
-        within = np.zeros((k, k))  # Fᵀ C⁻¹ F
-        within[0, 0] = square / v0**3
-        across = np.zeros((len(x), k))  # Aᵀ C⁻¹ F
-        across[:, 0] = rest[:-1] @ z / v0**2
+        # tr P M_k - wᵀ M_k w, Fᵀ C⁻¹ F and Aᵀ C⁻¹ F
+        slope, within, across = np.zeros(k), np.zeros((k, k)), np.zeros((len(x), k))
         if posterior.factors:
-            self.add_rows(posterior.factors, (x, V), slope, within, across)
+            slope, within, across = self.of_rows(posterior.factors, (x, V))
+        slope[0] += count / v0 - (square + np.sum(V * rest[:-1, :-1])) / v0**2
+        within[0, 0] += square / v0**3
+        across[:, 0] += rest[:-1] @ z / v0**2
         if self.smooth:
             N = posterior.products[:m]
             f = N @ z
@@ -487,31 +486,27 @@ class LinearModel:
             information[-1, -1] += f @ P @ f / 2 - np.sum(P**2) / 2
         return -slope / 2, information
 
-    def add_rows(
-        self,
-        factors: Factors,
-        known: tuple[ndarray, ndarray],
-        slope: ndarray,
-        within: ndarray,
-        across: ndarray,
-    ) -> None:
-        """Add what the rows that speak of the flange say, as in `gradient`; `known`:
-        `Posterior.whole`.
+    def of_rows(
+        self, factors: Factors, known: tuple[ndarray, ndarray]
+    ) -> tuple[ndarray, ndarray, ndarray]:
+        """What the rows that speak of the flange add to the sums of `gradient`: to tr P
+        M_k - wᵀ M_k w (1 + k,), Fᵀ C⁻¹ F (1 + k, 1 + k) and Aᵀ C⁻¹ F (m + n, 1 + k).
+        `known`: `Posterior.whole`.
         """
         rows = self.rows
         _, (W,), (c,) = factors.solve(rows.Z)
         P, X, w = self.precisions(factors, known, W)
-        of_groups, moves = self.of_groups(factors, known, c)
+        slope, moves = self.of_groups(factors, known, c)
         F = rows.E @ moves[rows.groups, None]  # M_k w of what profiles share,
         own = rows.parts @ w[..., None]  # and of what is one profile's
         F[..., rows.errors] += np.moveaxis(own[..., 0], 0, -1)
-        slope += of_groups
         slope[rows.errors] += np.tensordot(rows.parts, P, 4)
         slope -= np.tensordot(w, F, 3)
+        across = np.zeros((X.shape[-1] - 1, len(slope)))
         for part in parts_of(len(X), X[:1].size):
             CA = X[part, ..., :-1]
             across += np.tensordot(CA, F[part], ((0, 1, 2), (0, 1, 2)))
-        within += factors.solve(F)[0][0]
+        return slope, factors.solve(F)[0][0], across
 
     def precisions(
         self, factors: Factors, known: tuple[ndarray, ndarray], W: ndarray
@@ -576,20 +571,19 @@ class LinearModel:
         Johnson 1992).
         """
         x, V = posterior.whole
-        out = np.flatnonzero(~self.kept | (posterior.factors is None))
+        out = np.flatnonzero(~self.kept)
         Z = self.Z(out)
         A = Z[..., :-1]
         errors, covariances = np.zeros(self.E.shape[:2]), self.own(posterior.v[0])
         errors[out] = Z @ np.append(x, 1.0)
         covariances[out] += A @ V @ A.mT
-        if posterior.factors:
-            _, (W,), _ = posterior.factors.solve(self.rows.Z)
-            P, _, w = self.precisions(posterior.factors, (x, V), W)
-            real = self.rows.profiles >= 0
-            covariance = np.linalg.pinv(P[real], hermitian=True)
-            profiles = self.rows.profiles[real]
-            covariances[profiles] = covariance
-            errors[profiles] = (covariance @ w[real][..., None])[..., 0]
+        _, (W,), _ = posterior.factors.solve(self.rows.Z)
+        P, _, w = self.precisions(posterior.factors, (x, V), W)
+        real = self.rows.profiles >= 0
+        covariance = np.linalg.pinv(P[real], hermitian=True)
+        profiles = self.rows.profiles[real]
+        covariances[profiles] = covariance
+        errors[profiles] = (covariance @ w[real][..., None])[..., 0]
         return errors, covariances
 
 
@@ -600,9 +594,9 @@ def inverse_root(C: ndarray) -> tuple[ndarray, ndarray]:
     stand last.
     """
     m = C.shape[-1]
-    A = np.empty((m, 2 * m, *C.shape[:2]))
+    A = np.zeros((m, 2 * m, *C.shape[:2]))
     A[:, :m] = C.transpose(2, 3, 0, 1)
-    A[:, m:] = np.eye(m)[..., None, None]
+    A[range(m), range(m, 2 * m)] = 1.0
     for j in range(m):
         part = slice(j, m + j + 1)
         A[j, part] /= np.sqrt(A[j, j])

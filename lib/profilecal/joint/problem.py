@@ -121,8 +121,9 @@ class Problem:
         seen = np.average(middles, axis=0, weights=[term.P for term in self.terms])
         ratio = np.radians(self.noise.accuracy_deg) / (self.noise.accuracy_mm or 1.0)
         sensor = state.rotation[0], state.translation[0]
-        where = (R, T), sensor, seen, ratio, self.to_hand
-        return smooth_errors(*where, self.known_smooth)
+        return smooth_errors(
+            (R, T), sensor, seen, ratio, self.to_hand, self.known_smooth
+        )
 
     def of(self, observations: Iterable[Observations]) -> "Problem":
         """The same problem of other observations of these targets."""
@@ -140,15 +141,13 @@ class Problem:
 
     def typical(self, fit: Fit) -> ndarray:
         """How many noise levels large the residuals of most poses are, (B,): the root
-        mean square, over the targets, of medians, to which bad poses do not count.
+        mean square, over the targets, of medians, to which bad poses do not count; at
+        least the rounding of exact data.
         """
         ratio = fit.per_pose * (self.freedoms / chi2_limit(0.5, self.freedoms))
         medians = [np.median(own, axis=0) for own in self.split(ratio.T)]
-        return np.sqrt(np.mean(medians, axis=0))
-
-    def unit(self, fit: Fit) -> ndarray:
-        """The same, and at least the rounding of exact data, (B,)."""
-        return np.maximum(self.typical(fit), FINEST_MM / self.noise.profile_mm)
+        size = np.sqrt(np.mean(medians, axis=0))
+        return np.maximum(size, FINEST_MM / self.noise.profile_mm)
 
     def split(self, profiles: ndarray) -> list[ndarray]:
         """What is of all profiles (profiles, ...), for each target (P, ...)."""

@@ -37,7 +37,7 @@ from profilecal.joint.descent import (
 )
 from profilecal.joint.error_sizes import ErrorSizes, average, likeliest
 from profilecal.joint.linear_model import LinearModel, Posterior
-from profilecal.joint.prior import FINEST_MM, Prior, as_stated
+from profilecal.joint.prior import Prior, as_stated
 from profilecal.joint.problem import Fit, Problem
 from profilecal.joint.solution import Solution
 from profilecal.targets.observations import Observations, State
@@ -86,7 +86,7 @@ def solve(
     if not prior.robot_known and is_hopeless(problem, fits[[0]], scale):
         prior = prior.without_robot
     if prior.source == "residuals":
-        prior = prior.with_scanner(max(prior.scales.profile_mm * scale, FINEST_MM))
+        prior = prior.with_scanner(prior.scales.profile_mm * scale)
     observations = problem.observations
     problem = Problem(observations, prior.scales, prior.systematic, mount=prior.mount)
     estimated = estimate(problem, prior, fits.state[[0]], robust)
@@ -175,7 +175,7 @@ def robust_fit(problem: Problem, state: State) -> Fit:
     like to what the noise is.
     """
     fits = robustly(problem, state, 4)[:3]
-    scale = np.full_like(fits.loss, problem.unit(fits).min())
+    scale = np.full_like(fits.loss, problem.typical(fits).min())
     return refine(problem, fits.state, scale=scale, tolerance=ROUGHLY).best_first
 
 
