@@ -87,7 +87,8 @@ class SmoothErrors:
             some = numbers[part]
             motions = np.concatenate(self.motions(some), axis=2)
             of_view = weights * shifting(self.arms(some) + self.seen) @ motions
-            products += np.tensordot(of_view, of_view, ((0, 1), (0, 1)))
+            flat = of_view.reshape(-1, len(products))
+            products += flat.T @ flat
         rigid, across = products[:12, :12], products[:12, 12:]
         units = np.diag(rigid)[:, None] ** -0.5
         inverse = np.linalg.pinv(units * rigid * units.T, 1e-12, hermitian=True)

@@ -72,7 +72,7 @@ def solve(
 
     Raises UnobservableError for fewer residuals than unknowns.
     """
-    prior = noise if isinstance(noise, Prior) else as_stated(noise)
+    prior = known = noise if isinstance(noise, Prior) else as_stated(noise)
     problem = Problem(observations, prior.scales, prior.systematic, mount=prior.mount)
     check_enough(problem)
 
@@ -87,8 +87,9 @@ def solve(
         prior = prior.without_robot
     if prior.source == "residuals":
         prior = prior.with_scanner(prior.scales.profile_mm * scale)
-    observations = problem.observations
-    problem = Problem(observations, prior.scales, prior.systematic, mount=prior.mount)
+    if prior is not known:
+        seen = problem.observations
+        problem = Problem(seen, prior.scales, prior.systematic, mount=prior.mount)
     estimated = estimate(problem, prior, fits.state[[0]], robust)
     return conclude(estimated, prior, others.join(fits.state))
 

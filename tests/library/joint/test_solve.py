@@ -11,7 +11,7 @@ from numpy.random import default_rng
 
 from profilecal.geometry.noise import Noise, normalised_square
 from profilecal.geometry.poses import pose_error
-from profilecal.joint.solve import solve
+from profilecal.joint.solve import UNSETTLED, solve
 from profilecal.simulation.scene import random_scene
 
 NOISE = Noise(SIGMA)
@@ -38,6 +38,17 @@ def test_bad_points_and_groups_are_found_and_left_out(what):
         error = pose_error(*found, scene.R_sensor, scene.T_sensor)
         squares.append(normalised_square(solution.covariance, error))
     assert np.mean(squares) < 6 + 3 * np.sqrt(12 / 5)
+
+
+def test_an_estimate_that_does_not_settle_says_so(monkeypatch):
+    """As steps do that leave much to the next one, however many they are."""
+    rng = default_rng(1)
+    seen = random_scene("ball", rng, positions=12).noisy(SIGMA, rng)
+    assert solve([seen], NOISE).status == "ok"
+    monkeypatch.setattr("profilecal.joint.solve.leaves_little", lambda *_: False)
+    solution = solve([seen], NOISE)
+    assert solution.status == "weak"
+    assert solution.messages == (UNSETTLED,)
 
 
 @pytest.mark.parametrize(
