@@ -59,8 +59,7 @@ def refine(
             small = reach(step) < tolerance
             trial = problem.move(here.state, step, anew)
             # a small last step is taken without another look
-            if small.any():
-                here = replace(here, state=trial.where(small & ~done, here.state))
+            here = replace(here, state=trial.where(small & ~done, here.state))
             rounding = promise <= 1e-14 * here.loss
             done |= small | rounding
             if done.all():

@@ -162,6 +162,10 @@ class Batch:
 
     def where(self, mask: ndarray, other: Self) -> Self:
         """This one where the mask (B,) holds, the other elsewhere."""
+        if mask.all():
+            return self
+        if not mask.any():
+            return other
         return each(lambda own, others: np.where(mask, own.T, others.T).T, self, other)
 
 
