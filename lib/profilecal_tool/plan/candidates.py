@@ -197,8 +197,7 @@ def worst_clearance(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     leaving = each[3] - each[1]
     ways = np.array([*each, leaving + each[6], leaving - each[6]])
     errors = sizes * np.concatenate([0 * each[:1], ways, -ways])
-    planes = model.planes(R, T)
-    exact, *off = (clearance(model, *planes, error) for error in errors)
+    exact, *off = clearances(model, *model.planes(R, T), errors)
     lowest = np.minimum(off[:11], off[11:])  # NaN if either is
     cost = np.maximum(exact - lowest[:9], 0).reshape(3, 3, *exact.shape)
     together = np.linalg.norm(cost, axis=1).sum(axis=0)
@@ -207,25 +206,28 @@ def worst_clearance(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     return np.nan_to_num(worst, nan=-np.inf)
 
 
-def clearance(
-    model: ScanModel, R_view: ndarray, T_view: ndarray, error: ndarray
+def clearances(
+    model: ScanModel, R_view: ndarray, T_view: ndarray, errors: ndarray
 ) -> ndarray:
     """How far inside each border of the field of view the target is seen.
 
-    The sensor frames R (P, 3, 3), T (P, 3) are off by an error (3, 3): a shift s and a
-    turn in their own axes, mm and rad, and a turn u of the target about its origin o,
-    in these axes too. Returns (P, k) mm, NaN where the target is not seen.
+    The sensor frames R (P, 3, 3), T (P, 3) are off by each of `errors` (E, 3, 3): a
+    shift s and a turn in their own axes, mm and rad, and a turn u of the target about
+    its origin o, in these axes too. Returns (E, P, k) mm, NaN where the target is not
+    seen.
 
     A target turned by u shows what it shows unturned from a sensor that is turned back
     about o. With U the rotation by -u, R becomes R U; and the sensor's origin, which is
     s - Rᵀ(o - T) from o along its axes, comes to o + R U (s - Rᵀ(o - T)).
     """
-    shift, turn, target_turn = error
+    shift, turn, target_turn = np.moveaxis(errors[:, :, None], 1, 0)
     origin = model.target.frame[0]
     R_back = R_view @ rotations(-target_turn)
     from_origin = shift - carry(*inverse(R_view, T_view), origin)
     T_back = carry(R_back, origin, from_origin)
-    points = model.points_seen(R_back @ rotations(turn), T_back, 5)
+    turned = (R_back @ rotations(turn)).reshape(-1, 3, 3)
+    points = model.points_seen(turned, T_back.reshape(-1, 3), 5)
+    points = points.reshape(*T_back.shape[:2], *points.shape[1:])
     x, z = np.moveaxis(points, -1, 0)
 
     scanner = model.scanner
