@@ -61,7 +61,7 @@ class ErrorSizes:
     sizes: tuple[Size, ...]
     v: ndarray  # (1 + k,) the variances in their middle
     mean: ndarray  # (n,)
-    covariance: ndarray  # (n, n), enlarged
+    covariance: ndarray  # (n, n), enlarged, with bends
     enlarged: float  # by this factor, for its region to hold over all sizes
     mean_v: ndarray  # (1 + k,) the variances' mean
     # degrees of freedom, at most 1000, with which all errors together are known, 100 mm
@@ -239,7 +239,8 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
 
         x̄ = Σ w x̂        Σ w (V + (x̂ - x̄) (x̂ - x̄)ᵀ)
 
-    The covariance is then enlarged until its region holds over all sizes (`growth`).
+    The covariance is then enlarged until its region holds over all sizes (`growth`);
+    what it owes to bends of smooth errors is added.
     """
     law = prior.law(model.names)
     beliefs = [of_scanners(model, law, likely), *of_robots(model, prior, law, likely)]
@@ -260,15 +261,16 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     sizes_mm = units * [*map(in_mm, names)]
     sizes_mm *= np.not_equal(names, SMOOTH)  # they are no fresh errors
     together = draws.v @ sizes_mm**2
+    mean_v = w @ draws.v
     # χ² of f degrees of freedom has the relative variance 2 / f
     relative = w @ (together / (w @ together) - 1) ** 2
     return ErrorSizes(
         sizes=sizes,
         v=middles**2,
         mean=mean,
-        covariance=enlarged * covariance,
+        covariance=enlarged * covariance + model.by_bends(mean_v),
         enlarged=enlarged,
-        mean_v=w @ draws.v,
+        mean_v=mean_v,
         freedom=float(2 / max(relative, 2e-3)),
         poor=w @ draws.poor,
     )

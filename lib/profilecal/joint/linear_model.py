@@ -59,7 +59,7 @@ so before the others in a Cholesky factor.
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -507,6 +507,27 @@ class LinearModel:
             CA = X[part, ..., :-1]
             across += np.tensordot(CA, F[part], ((0, 1, 2), (0, 1, 2)))
         return slope, factors.solve(F)[0][0], across
+
+    def by_bends(self, v: ndarray) -> ndarray:
+        """What the covariance (n, n) of x owes, for variances v (1 + k,), to bends of
+        the smooth errors, which are considered (Schmidt 1966).
+
+        Bends B₂ with coefficients c ~ N(0, s²) are no part of the model: r + B₂ c
+        stands where it has r. So its mean moves by -V Aᵀ C⁻¹ B₂ c, with B among the
+        columns of A, and its covariance should be larger by
+
+            s² G Gᵀ,    G = V Aᵀ C⁻¹ B₂
+        """
+        if not self.smooth:
+            return np.zeros_like(self.precision)
+        bent = self.keeping(self.kept)
+        bent.smooth = replace(self.smooth, bends=True).keeping(self.kept)
+        bent.m = bent.smooth.count
+        N = bent.posterior(v[None]).products  # of [B | B₂ | A | r]
+        bends = slice(self.m, bent.m)
+        across = np.delete(N[:-1, bends], bends, axis=0)
+        moves = self.posterior(v[None]).whole[1][self.m :] @ across
+        return v[-1] * moves @ moves.T
 
     def precisions(
         self, factors: Factors, known: tuple[ndarray, ndarray], W: ndarray

@@ -10,6 +10,16 @@ little different move every profile nearly alike. What they take up is taken out
 errors, by least squares over the poses as they move the middle of the view, so that the
 mount of the linear model is the one that these poses show.
 
+Real errors bend. A joint errs about an axis v that itself turns with the pose: after a
+turn θ, the flange has it at
+
+    exp(-θ×) v = v - θ × v + θ × (θ × v) / 2 - ...
+
+The first term is an error of mount or base, the second a smooth error; the third is
+such an error times θ / 2. So each smooth error has three `bends`: itself times half of
+each component of the turn. Ten orientations say little of so many; they are not
+estimated, but considered (`LinearModel.by_bends`).
+
 A wrist that turns over between two poses errs by a jump, which is none of these.
 """
 
@@ -53,8 +63,12 @@ class SmoothErrors:
     middle: Frames  # orientation (3, 3) and position (3,) that they are counted from
     # (12, 27) the steps of sensor pose and base that take up the most of the errors
     steps: ndarray
+    bends: bool = False  # whether these follow the coefficients; four times as many
 
-    count = COEFFICIENTS
+    @property
+    def count(self) -> int:
+        """How many coefficients there are."""
+        return COEFFICIENTS * (1 + 3 * self.bends)
 
     @property
     def known(self) -> Known:
@@ -68,7 +82,7 @@ class SmoothErrors:
         motion of the flange moves by `by_flange` (k, K, 6), without what the steps take
         up.
         """
-        columns = np.empty((*by_flange.shape[:2], COEFFICIENTS))
+        columns = np.empty((*by_flange.shape[:2], self.count))
         numbers = np.arange(len(self.poses[0]))[profiles]
         for part in parts_of(len(columns), SIZE):
             rigid, errors = self.motions(numbers[part])
@@ -81,7 +95,7 @@ class SmoothErrors:
         take up the most of their errors, by least squares, as these move the view.
         """
         weights = np.repeat([1.0, VIEW_MM], 3)[:, None]
-        products = np.zeros((12 + COEFFICIENTS,) * 2)
+        products = np.zeros((12 + self.count,) * 2)
         numbers = np.flatnonzero(kept)
         for part in parts_of(len(numbers), SIZE):
             some = numbers[part]
@@ -118,7 +132,11 @@ class SmoothErrors:
         errors[:, 0, :, 0] = axes[..., None] * ways[:, None, None]
         errors[:, 0, :, 1] = of_turn
         errors[:, 1, :, 2] = self.ratio * of_turn
-        return rigid, errors.reshape(-1, 6, COEFFICIENTS)
+        errors = errors.reshape(-1, 6, COEFFICIENTS)
+        if self.bends:
+            bends = errors[..., None] * turns[:, None, None] / 2
+            errors = np.concatenate([errors, bends.reshape(len(R), 6, -1)], axis=2)
+        return rigid, errors
 
     def arms(self, some: ndarray) -> ndarray:
         """From the flange to the sensor of some profiles, in its frame, (k|1, 3)."""

@@ -201,6 +201,7 @@ def predict(
 ) -> Prediction:
     """Predict how well flange poses (P, 3, 3), (P, 3) will determine the sensor pose.
 
+    Without bends of smooth errors, which widen the regions of planned scans by a tenth.
     With `rng`: and how well if the guess is wrong by anything within its margins.
     `in_motion`: as `ScanModel.linear` takes it.
     """

@@ -2,7 +2,7 @@
 each answer by brute force.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -34,15 +34,19 @@ N = 4
 JITTER = "jitter_ms"
 
 
+@dataclass(frozen=True)
 class Smooth:
     """Errors that are smooth, whichever profiles are kept."""
 
-    def __init__(self, left):
-        self.left = left
-        self.count = left.shape[-1]
+    left: np.ndarray  # (profiles, 6, 12), of bends from the eighth on
+    bends: bool = False
+
+    @property
+    def count(self):
+        return 12 if self.bends else 7
 
     def columns(self, by_flange, profiles):
-        return by_flange @ self.left[profiles]
+        return by_flange @ self.left[profiles, :, : self.count]
 
     def keeping(self, kept):
         return self
@@ -71,7 +75,7 @@ class Dense:
         E, Y = (columns * there[..., None] for columns in (units * E, Y))
         root = rng.normal(size=(N, N))
         self.precision = root @ root.T
-        left = rng.normal(size=(len(counts), 6, 7)) / units[:, None]
+        left = rng.normal(size=(len(counts), 6, 12)) / units[:, None]
         errors = Smooth(left) if smooth else None
         all_names = [*names, SMOOTH] if smooth else names
         known = all_names, self.precision, clock
@@ -88,7 +92,8 @@ class Dense:
             self.parts.append(Z @ Z.T * np.equal.outer(number, number))
         if smooth:
             Z = (E[:, None] @ left[self.profile])[:, 0]
-            self.parts.append(Z @ Z.T)
+            self.parts.append(Z[:, :7] @ Z[:, :7].T)
+            self.bends = Z[:, 7:]
 
     def of(self, profiles, v=V):
         """r, A and C of some profiles."""
@@ -122,6 +127,17 @@ def test_errors_that_may_be_larger_change_the_posterior_as_another_prior_does():
         assert_allclose(covariance, other.covariance, rtol=1e-9)
         by_prior = other.log_evidence - posterior.log_evidence - np.log(own).sum()
         assert_allclose(gain, by_prior, atol=1e-9)
+
+
+@pytest.mark.parametrize("kept", [PROFILES, PROFILES[1:]], ids=["all", "some"])
+def test_bends_add_what_they_do_to_a_mean_that_ignores_them(kept):
+    dense, v = Dense(smooth=True), np.append(V, 0.6)
+    r, A, C = dense.of(kept, v)
+    bends = dense.bends[np.isin(dense.profile, kept)]
+    without, *_ = textbook(r, A, C, dense.precision)
+    moves = [textbook(r + bend, A, C, dense.precision)[0] - without for bend in bends.T]
+    found = dense.model.keeping(np.isin(PROFILES, kept)).by_bends(v)
+    assert_allclose(found, v[-1] * np.transpose(moves) @ moves, rtol=1e-8)
 
 
 def random_groups(profiles, poses, rng):

@@ -1,11 +1,14 @@
 """Errors of a robot that vary smoothly with its pose."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from many_scenes import IN_PROFILES
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from scipy.linalg import lstsq
+from scipy.spatial.transform import Rotation
 from simulated import calibration_of
 
 from profilecal.geometry.poses import carry, inverse, pose_error, rotations
@@ -101,3 +104,22 @@ def test_a_scale_of_the_robot_s_positions_is_such_an_error(to_hand):
     assert_allclose(columns @ sizes, motions.ravel(), atol=1e-9)
     # beside turns, which come with ways here
     assert_allclose(np.linalg.norm(sizes), REACH_MM * 0.001, rtol=0.01)
+
+
+def test_an_axis_that_turns_with_the_pose_errs_by_bends():
+    """As it is seen from the flange, less what is of no or first order; each bend is as
+    likely as the smooth error that it belongs to.
+    """
+    rng = default_rng(1)
+    turns = rng.normal(size=(12, 3)) * 0.05
+    poses = rotations(turns), np.tile([900.0, 0.0, 300.0], (12, 1))
+    errors = smooth_errors(poses, (np.eye(3), np.zeros(3)), SEEN, 1.0)
+    relative = Rotation.from_matrix(errors.middle[0].T @ poses[0])
+    axis = np.array([0.0, 0.0, 1.0])
+    seen = relative.inv().apply(axis)
+    second = (seen + np.cross(relative.as_rotvec(), axis) - axis).ravel()
+    bends = replace(errors, bends=True).motions(np.arange(12))[1][:, 3:, 27:]
+    sizes = np.linalg.lstsq(bends.reshape(36, 81), second, rcond=1e-9)[0]
+    left = bends.reshape(36, 81) @ sizes - second
+    assert np.linalg.norm(left) < 0.05 * np.linalg.norm(second)  # of third order
+    assert np.abs(sizes).max() == pytest.approx(1, abs=0.05)
