@@ -15,7 +15,9 @@ from profilecal.scan.scan import MOUNTS, Scan
 from profilecal.scan.tables import ScanError, naming
 from profilecal.scan.toml import check_entries, number, one_of
 
-DEGREES = np.repeat([1.0, 180 / np.pi], 3)  # of δ = (shift, turn) from mm and rad
+# of δ = (shift, turn), and of its covariance, from mm and rad
+DEGREES = np.repeat([1.0, 180 / np.pi], 3)
+MM_DEG = np.outer(DEGREES, DEGREES)
 MOST_PRINTS = 1000  # of a scan, in a file
 EXPECTED = (
     "not what `profilecal calibrate --json` prints where it finds a sensor pose, a "
@@ -91,16 +93,6 @@ def check_covariance(C: ndarray) -> None:
         raise ValueError("holds no covariance; expected a symmetric, positive matrix")
 
 
-def in_mm_deg(covariance: ndarray) -> ndarray:
-    """A covariance (6, 6) of δ in mm and rad, in mm and degrees."""
-    return covariance * DEGREES[:, None] * DEGREES
-
-
-def in_mm_rad(covariance: ndarray) -> ndarray:
-    """A covariance (6, 6) of δ in mm and degrees, in mm and rad."""
-    return covariance / DEGREES[:, None] / DEGREES
-
-
 def fingerprints(scan: Scan) -> list[str]:
     """By which each measurement is known again: of its pose, to 0.001 mm, and its
     values; "" where there are none.
@@ -161,15 +153,15 @@ def answer_of(entries: dict[str, Any]) -> Answer:
     """The answer that `Calibration.to_json` gives the entries of; with those of `made`
     it knows its measurements.
     """
-    to_hand = "T_base_sensor" in entries
-    rows = entries["T_base_sensor" if to_hand else "T_flange_sensor"]
+    mount = "eye-to-hand" if "T_base_sensor" in entries else "eye-in-hand"
+    rows = entries[f"T_{MOUNTS[mount]}_sensor"]
     near = entries.get("covariance")
     made = entries.get("made") or {}
     return Answer(
         pose=np.asarray([*rows], dtype=float),  # null has no rows
         covariance_total_mm_deg=np.asarray(entries["covariance_total"], dtype=float),
         noise_mm=float(entries["noise_mm"]),
-        mount=MOUNTS[to_hand],
+        mount=mount,
         status=entries["status"],
         joint=Joint(**entries["joint"]) if entries.get("joint") else None,
         covariance_mm_deg=near and np.asarray(near, dtype=float),

@@ -4,7 +4,7 @@ the user; as JSON.
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from itertools import chain, compress
@@ -16,7 +16,7 @@ import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike
 
-from profilecal.calibration.answer import Answer, answer_of, in_mm_deg, sample
+from profilecal.calibration.answer import MM_DEG, Answer, answer_of, sample
 from profilecal.calibration.points import point_sd
 from profilecal.calibration.several_scans import prefixes
 from profilecal.geometry.checks import UnobservableError
@@ -94,7 +94,7 @@ class Calibration:
         """The one that the sensor's pose is in: "flange", or "base" where the scanner
         stands still.
         """
-        return "flange" if self.mount == MOUNTS[0] else "base"
+        return MOUNTS[self.mount]
 
     @property
     def solution(self) -> Solution:
@@ -127,14 +127,14 @@ class Calibration:
         sensor's frame, of the mount that the poses used show where they saw the target:
         pose · exp(δ). It serves near them. Raises UnobservableError.
         """
-        return in_mm_deg(self.known_solution.covariance)
+        return self.known_solution.covariance * MM_DEG
 
     @property
     def covariance_total_mm_deg(self) -> ndarray:
         """(6, 6) of the true mount: with an error of the flange common to all poses,
         which no residual shows. Raises UnobservableError.
         """
-        return in_mm_deg(self.known_solution.covariance_total)
+        return self.known_solution.covariance_total * MM_DEG
 
     @property
     def translation_sd_mm(self) -> ndarray:
@@ -274,9 +274,9 @@ class Calibration:
             "poses_rejected": self.poses_rejected,
             "observability": solution and observability_entries(solution, self.frame),
             "method": "joint",
-            "target": solution and target_entries(self.scans, solution),
+            "target": solution and target_entries(solution),
             "messages": self.messages,
-            "joint": known and joint_entries(self.scans, self.solution),
+            "joint": known and joint_entries(self.solution),
         }
         if solution and solution.delay_s is not None:
             given = any(scan.delay_ms is not None for scan in self.scans)
@@ -326,14 +326,13 @@ def answer_text(found: Calibration) -> str:
     return json.dumps(found.to_json() | {"made": found.made}, indent=2)
 
 
-def target_entries(scans: Sequence[Scan], solution: Solution) -> Any:
+def target_entries(solution: Solution) -> Any:
     """The targets in their places; one, or a list of several."""
-    placed = zip(scans, solution.placements, strict=True)
-    targets = [{"kind": scan.kind} | asdict(target) for scan, target in placed]
+    targets = [{"kind": one.kind} | vars(one) for one in solution.placements]
     return targets if len(targets) > 1 else targets[0]
 
 
-def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
+def joint_entries(solution: Solution) -> dict[str, Any]:
     """All that was found, by which `check_mount` predicts other poses.
 
     What `plausibility` adds to a covariance for an error that it finds is left out:
@@ -344,7 +343,7 @@ def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
     mean, covariance = solution.known_of_all
     problem, prior = solution.problem, solution.prior
     shown = prior.scales.profile_mm if prior.source == "profiles" else solution.noise_mm
-    frames = zip(scans, solution.state.placements, strict=True)
+    frames = zip(problem.observations, solution.state.placements, strict=True)
     robot_errors = sizes.of_robot
     smooth = {}
     if SMOOTH in robot_errors:
@@ -355,8 +354,8 @@ def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
         "mean": mean,
         "covariance": covariance,
         "targets": [
-            [scan.kind, scan.sizes, origin[0], axes[0]]
-            for scan, (origin, axes) in frames
+            [seen.kind, seen.sizes, origin[0], axes[0]]
+            for seen, (origin, axes) in frames
         ],
         "robot_errors": robot_errors | {"steering_mm": solution.noise.steering_mm},
         "freedom": sizes.freedom,

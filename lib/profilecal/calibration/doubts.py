@@ -11,12 +11,12 @@ def doubts(scan: Scan) -> list[str]:
     """
     if scan.measured != "profiles":
         return []
-    runs_on = []
+    only_z = []
     for values in scan.values[:100]:
         steps = np.diff(values[np.isfinite(values).all(axis=1)], axis=0)
         if len(steps) > 9:
-            runs_on.append((steps >= 0).all(axis=0) | (steps <= 0).all(axis=0))
-    only_z = [z and not x for x, z in runs_on]
+            x, z = (steps >= 0).all(axis=0) | (steps <= 0).all(axis=0)
+            only_z.append(z and not x)
     if 2 * sum(only_z) <= len(only_z):
         return []
     return [

@@ -111,13 +111,13 @@ def marked_points(features: Sequence[Feature], m: int) -> tuple[ndarray, ndarray
     """The m points (k, m, 2) of each feature and their covariances (k, 2m, 2m), mm², as
     `Observations` has them: chords have tips on one line.
     """
-    k = len(features)
-    covariance = np.empty((k, 2 * m, 2 * m))
+    blocks = [block_diag(*feature.covariance) for feature in features]
+    covariance = np.reshape(blocks, (-1, 2 * m, 2 * m))
+    covariance = covariance + LEAST_NOISE_MM**2 * np.eye(2 * m)
     for whole, feature in zip(covariance, features, strict=True):
-        whole[:] = block_diag(*feature.covariance) + LEAST_NOISE_MM**2 * np.eye(2 * m)
         if feature.between is not None:
             whole[:2, 2:], whole[2:, :2] = feature.between, feature.between.T
-    return np.reshape([feature.points for feature in features], (k, m, 2)), covariance
+    return np.reshape([feature.points for feature in features], (-1, m, 2)), covariance
 
 
 def left_out(labels: Sequence[str], reasons: Sequence[str]) -> tuple[str, ...]:
@@ -135,11 +135,12 @@ def left_out(labels: Sequence[str], reasons: Sequence[str]) -> tuple[str, ...]:
 
 def from_table(scan: Scan) -> Seen:
     """The points, chords or arcs that a scan holds."""
-    rows = [values[np.isfinite(values).all(axis=1)][:1] for values in scan.values]
-    poses = np.flatnonzero([*map(len, rows)])
-    reasons = ["" if len(own) else f"no {scan.measured[:-1]}" for own in rows]
-    nothing = np.empty((0, len(MEASURED[scan.measured])))
-    points = points_of(scan.measured, np.concatenate([nothing, *rows]))
+    found = [len(row) == 1 and np.isfinite(row).all() for row in scan.values]
+    poses = np.flatnonzero(found)
+    shape = -1, len(MEASURED[scan.measured])
+    rows = np.reshape([scan.values[i] for i in poses], shape)
+    reasons = ["" if own else f"no {scan.measured[:-1]}" for own in found]
+    points = points_of(scan.measured, rows)
     return Seen(poses, points, remarks=left_out(scan.labels, reasons))
 
 

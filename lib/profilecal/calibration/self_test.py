@@ -148,8 +148,9 @@ def self_test(found: Calibration, count: int = 100, seed: int = 1) -> SelfTest:
     """
     check_type("found", found, Calibration)
     if not isinstance(count, Integral) or count < FEWEST:
-        expected = f"expected a whole number, {FEWEST} or more"
-        raise ValueError(f"count is {count!r}; {expected}")
+        raise ValueError(
+            f"count is {count!r}; expected a whole number, {FEWEST} or more"
+        )
     solution, rng = found.known_solution, np.random.default_rng(seed)
     columns = solution.problem.columns_in_mm(solution.state)
     squares = []
@@ -190,7 +191,7 @@ def bend_of_lines(scan: Scan, solution: Solution) -> dict[str, float]:
     share = np.array(weights) / np.sum(weights)
     bend = share @ bends
     believed = solution.problem.considered.get(BEND, 0.0)
-    sd = np.sqrt(np.sum((share * (bends - bend)) ** 2) + believed**2)
+    sd = np.sqrt(share**2 @ (bends - bend) ** 2 + believed**2)
     words = (
         f"the lines beside the edge were bent by {bend:+.2g} mm, 50 mm from the "
         "middle, as by the scanner or in their faces"

@@ -4,7 +4,6 @@ a sentence on one of them begins with.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from profilecal.calibration.observe import LEAST_POSES, LIKE
 from profilecal.geometry.checks import check_type
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError
+from profilecal.scan.toml import Entries
 
 
 def prefixes(scans: Sequence[Scan]) -> list[str]:
@@ -50,7 +50,7 @@ def check_different(scans: Sequence[Scan]) -> None:
                 )
 
 
-def agreed(scans: Sequence[Scan]) -> dict[str, Any]:
+def agreed(scans: Sequence[Scan]) -> Entries:
     """What scans of one scanner and robot state of both, without the noise of a
     profile's points where features were fitted to them: theirs is to be estimated.
 
@@ -58,7 +58,7 @@ def agreed(scans: Sequence[Scan]) -> dict[str, Any]:
     """
     if not scans:
         raise ScanError("no scans given; expected at least one")
-    stated: dict[str, Any] = {}
+    stated: Entries = {}
     for scan in scans:
         check_type("scans", scan, Scan)
         delay = {"delay_ms": scan.delay_ms} if scan.log else {}
@@ -98,7 +98,7 @@ def joined(first: Scan, second: Scan, name: str) -> Scan:
     """The poses of two scans as one scan, with the second one's name before its labels;
     what is not of poses is the first one's.
     """
-    arrays: dict[str, Any] = {
+    arrays: Entries = {
         field: np.concatenate([getattr(first, field), getattr(second, field)])
         for field in ("R_base_flange", "p_base_flange", "side", "times")
     }

@@ -15,7 +15,7 @@ import numpy as np
 from numpy import ndarray
 from scipy.special import chdtrc
 
-from profilecal.calibration.answer import DEGREES, Answer, check_another, in_mm_rad
+from profilecal.calibration.answer import DEGREES, MM_DEG, Answer, check_another
 from profilecal.calibration.calibrate import calibrate
 from profilecal.calibration.calibration import Calibration
 from profilecal.geometry.checks import check_type
@@ -156,12 +156,12 @@ def verify(
     if isinstance(other, Calibration):
         other = other.answer
     title = check_another(found, other)
-    T, stated = found.pose, in_mm_rad(found.covariance_total_mm_deg)
+    T, stated = found.pose, found.covariance_total_mm_deg / MM_DEG
     if isinstance(other, Answer):
         own = other.covariance_mm_deg
         if own is None:
             own = other.covariance_total_mm_deg
-        return Verification(difference(T, other.pose), stated, in_mm_rad(own), other)
+        return Verification(difference(T, other.pose), stated, own / MM_DEG, other)
     alone = calibrate(other, T, NEAR)
     shown = len(alone.seen[0])
     if shown < FEWEST_POSES:

@@ -146,29 +146,41 @@ def to_rotations(
     length = np.linalg.norm(block, axis=1)
     if convention.sequence:
         largest = np.abs(block).max(axis=1)
-        sentence = f"angle of {{:.6g}}; expected degrees, at most {LARGEST_ANGLE_DEG:g}"
-        rows.refuse(largest > LARGEST_ANGLE_DEG, sentence, largest)
+        rows.refuse(
+            largest > LARGEST_ANGLE_DEG,
+            f"angle of {{:.6g}}; expected degrees, at most {LARGEST_ANGLE_DEG:g}",
+            largest,
+        )
         rotation = Rotation.from_euler(convention.sequence, block, degrees=True)
     elif convention.name == "quaternion":
-        off = np.abs(length - 1) > UNIT_TOLERANCE
-        rows.refuse(off, "quaternion of length {:.4g}; expected length 1", length)
+        rows.refuse(
+            np.abs(length - 1) > UNIT_TOLERANCE,
+            "quaternion of length {:.4g}; expected length 1",
+            length,
+        )
         rotation = Rotation.from_quat(block, scalar_first=True)
     elif convention.name == "rotation vector":
-        sentence = (
+        rows.refuse(
+            length > 2 * np.pi,
             "rotation vector of length {:.4g}; expected radians, at most 2π: "
-            "are they degrees?"
+            "are they degrees?",
+            length,
         )
-        rows.refuse(length > 2 * np.pi, sentence, length)
         rotation = Rotation.from_rotvec(block)
     else:
         matrices = block.reshape(-1, 3, 3)
         excess = np.abs(matrices @ matrices.mT - np.eye(3)).max(axis=(1, 2))
-        off = ~(excess <= ORTHONORMAL_TOLERANCE)
-        sentence = "matrix with R Rᵀ off the identity by {:.2g}; expected a rotation"
-        rows.refuse(off, sentence, excess)
+        rows.refuse(
+            ~(excess <= ORTHONORMAL_TOLERANCE),
+            "matrix with R Rᵀ off the identity by {:.2g}; expected a rotation",
+            excess,
+        )
         determinant = np.linalg.det(matrices)
-        sentence = "matrix with determinant {:.2g}, a reflection; expected a rotation"
-        rows.refuse(determinant < 0, sentence, determinant)
+        rows.refuse(
+            determinant < 0,
+            "matrix with determinant {:.2g}, a reflection; expected a rotation",
+            determinant,
+        )
         rotation = Rotation.from_matrix(matrices)  # made exactly orthonormal
     return rotation.as_matrix()
 

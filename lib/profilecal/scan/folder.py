@@ -43,6 +43,7 @@ from profilecal.scan.tables import (
 )
 from profilecal.scan.toml import (
     TABLE,
+    Entries,
     check_entries,
     number,
     numbers,
@@ -67,7 +68,7 @@ HEADER: dict[str, Any] = {
         "sd_deg": number(1e-3, 180),
     },
 }
-NO_POSES: dict[str, Any] = {
+NO_POSES: Entries = {
     "labels": (),
     "R_base_flange": np.empty((0, 3, 3)),
     "p_base_flange": np.empty((0, 3)),
@@ -130,7 +131,7 @@ def read_scan(folder: str | Path) -> Scan:
     return scan_of(folder, entries)
 
 
-def scan_of(folder: Path, entries: dict[str, Any]) -> Scan:
+def scan_of(folder: Path, entries: Entries) -> Scan:
     """The scan of such entries. Raises ScanError, which names the folder."""
     try:
         return Scan(**entries)
@@ -138,7 +139,7 @@ def scan_of(folder: Path, entries: dict[str, Any]) -> Scan:
         raise ScanError(f"{folder}: {error}") from error
 
 
-def read_header(path: Path) -> tuple[dict[str, Any], float]:
+def read_header(path: Path) -> tuple[Entries, float]:
     """What scan.toml says, as `check_header` has it."""
     if not is_file(path):
         raise ScanError(
@@ -148,7 +149,7 @@ def read_header(path: Path) -> tuple[dict[str, Any], float]:
     return check_header(path, read_toml(path))
 
 
-def check_header(path: Path, said: dict[str, Any]) -> tuple[dict[str, Any], float]:
+def check_header(path: Path, said: Entries) -> tuple[Entries, float]:
     """What such a file says, checked: entries of a Scan, and its unit, mm.
 
     Errors name `path`. Raises ScanError.
@@ -186,7 +187,7 @@ def mount_pose(numbers: Sequence[float], path: Path) -> ndarray:
     return homogeneous(R, position)[0]
 
 
-def read_log(path: Path, scale: float) -> dict[str, Any]:
+def read_log(path: Path, scale: float) -> Entries:
     """What the robot recorded on its way, positions in units of `scale` mm: entries of
     a Scan. Raises ScanError.
     """
@@ -198,7 +199,7 @@ def read_log(path: Path, scale: float) -> dict[str, Any]:
     return {"log": log, "convention": convention.name}
 
 
-def read_poses(path: Path, scale: float, side: float = 0.0) -> dict[str, Any]:
+def read_poses(path: Path, scale: float, side: float = 0.0) -> Entries:
     """What a table of poses, in units of `scale` mm, says: entries of a Scan.
 
     `side` is that of poses for which the table says none. Raises ScanError.
@@ -206,7 +207,7 @@ def read_poses(path: Path, scale: float, side: float = 0.0) -> dict[str, Any]:
     return check_poses(read_table(path, ("pose", "x", "y", "z")), scale, side)
 
 
-def check_poses(table: Table, scale: float, side: float = 0.0) -> dict[str, Any]:
+def check_poses(table: Table, scale: float, side: float = 0.0) -> Entries:
     """The same of a table that has been read."""
     labels = table.labels()
     first, row = np.unique(labels, return_index=True, return_inverse=True)[1:]
@@ -257,8 +258,8 @@ def poses_in(
 
 
 def read_measurements(
-    folder: Path, at_rest: dict[str, Any], scale: float, moving: bool
-) -> dict[str, Any]:
+    folder: Path, at_rest: Entries, scale: float, moving: bool
+) -> Entries:
     """What the scanner saw, in mm, by pose: entries of a Scan. The poses `at_rest`, as
     `read_poses` has them, come first; then what was seen in motion. Raises ScanError.
     """
@@ -266,8 +267,9 @@ def read_measurements(
     paths = [path for path in ways if is_file(path)]
     if len(paths) != 1:
         found = " and ".join(path.name for path in paths) or "none of them"
-        names = f"{listed(MEASURED)} (.csv, .npz)"
-        raise ScanError(f"{folder}: expected one of {names}; found {found}")
+        raise ScanError(
+            f"{folder}: expected one of {listed(MEASURED)} (.csv, .npz); found {found}"
+        )
     (path,) = paths
     columns = MEASURED[path.stem]
     keys = ["sweep", "t"] if moving else []
@@ -319,14 +321,11 @@ def moments(table: Table) -> tuple[ndarray, dict[str, tuple[str, float]]]:
     return labels, others
 
 
-def poses_columns(
-    labels: Sequence | ndarray, R: ndarray, p: ndarray, convention: str
-) -> dict[str, Any]:
+def poses_columns(R: ndarray, p: ndarray, convention: str) -> dict[str, ndarray]:
     """The columns of poses R (P, 3, 3), p (P, 3), mm, with angles in a convention."""
     angles = named(convention)
     block = np.hstack([p, from_rotations(angles, R)])
-    names = ("pose", "x", "y", "z", *angles.columns)
-    return dict(zip(names, (labels, *block.T), strict=True))
+    return dict(zip(("x", "y", "z", *angles.columns), block.T, strict=True))
 
 
 def write_scan(scan: Scan, folder: str | Path) -> None:
@@ -363,7 +362,7 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
                 write_table(partial / f"{name}.csv", columns)
 
 
-def header_of(source: Any, title: str, noise: Mapping) -> dict[str, Any]:
+def header_of(source: Any, title: str, noise: Mapping) -> Entries:
     """What scan.toml says of any scan, or of one that a specification describes."""
     return {
         "title": title,
@@ -374,14 +373,14 @@ def header_of(source: Any, title: str, noise: Mapping) -> dict[str, Any]:
     }
 
 
-def known_of(scan: Scan) -> dict[str, Any]:
+def known_of(scan: Scan) -> Entries:
     """What scan.toml says besides, of a scan whose delay or mount is known."""
-    known: dict[str, Any] = {}
+    known: Entries = {}
     if scan.delay_ms is not None:
         known["motion"] = {"delay_ms": scan.delay_ms}
     if scan.guess is not None:
-        R, p = scan.guess[None, :3, :3], scan.guess[:3, 3]
-        mount = [*p.tolist(), *from_rotations(named("FANUC angles"), R)[0].tolist()]
+        angles = from_rotations(named("FANUC angles"), scan.guess[None, :3, :3])
+        mount = np.append(scan.guess[:3, 3], angles).tolist()
         sd_mm, sd_deg = scan.guess_sd
         known["guess"] = {"mount": mount, "sd_mm": sd_mm, "sd_deg": sd_deg}
     return known
@@ -397,7 +396,7 @@ def tables_of(scan: Scan) -> dict[str, dict[str, Any]]:
     tables, keys = {}, {}
     if still.any():
         R, p = scan.R_base_flange[still], scan.p_base_flange[still]
-        poses = poses_columns(labels[still], R, p, convention.name)
+        poses = {"pose": labels[still]} | poses_columns(R, p, convention.name)
         if scan.orientation is not None:  # as read: another convention may be meant
             poses |= zip(convention.columns, scan.orientation.T, strict=True)
         if scan.group_given:
@@ -406,8 +405,7 @@ def tables_of(scan: Scan) -> dict[str, dict[str, Any]]:
             poses["side"] = scan.side[still].astype(int)
         tables["poses"], keys["pose"] = poses, labels
     if scan.log:
-        way = poses_columns((), scan.log.R, scan.log.p, convention.name)
-        del way["pose"]
+        way = poses_columns(scan.log.R, scan.log.p, convention.name)
         tables["log"] = {"t": scan.log.t} | way
         keys |= {"sweep": np.array(scan.sweeps), "t": scan.times}
     counts = [len(rows) for rows in scan.values]

@@ -30,7 +30,15 @@ from profilecal.geometry.poses import (
 from profilecal.scan.conventions import CONVENTIONS, named, to_rotations
 from profilecal.scan.motion import DELAY_MS, check_times, checked_log, moment_label
 from profilecal.scan.tables import ScanError, naming
-from profilecal.scan.toml import TEXT, Rule, check_entries, entries_of, number, one_of
+from profilecal.scan.toml import (
+    TEXT,
+    Entries,
+    Rule,
+    check_entries,
+    entries_of,
+    number,
+    one_of,
+)
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
 
@@ -40,7 +48,8 @@ MEASURED = {  # what a scan may hold, and its columns
     "chords": ("x_a", "z_a", "x_b", "z_b"),
     "arcs": ("x", "z", "r"),
 }
-MOUNTS = ("eye-in-hand", "eye-to-hand")
+# where the scanner is, and the frame that its pose is in
+MOUNTS = {"eye-in-hand": "flange", "eye-to-hand": "base"}
 ENTRY_RULES: dict[str, Any] = {
     "kind": one_of(TARGETS),
     "mount": one_of(MOUNTS),
@@ -85,7 +94,7 @@ class Scan:
     group_given: bool = False  # whether somebody stated the groups
     # standard deviations that are known: entries of [noise] in scan.toml
     noise: Mapping[str, float] = field(default_factory=dict)
-    mount: str = MOUNTS[0]  # "eye-in-hand" or "eye-to-hand"
+    mount: str = "eye-in-hand"  # or "eye-to-hand"
     title: str = ""  # one line
     # of the orientations as they were read, by its name in `CONVENTIONS`
     convention: str = CONVENTIONS[0].name
@@ -114,7 +123,7 @@ class Scan:
         points: ArrayLike | None = None,
         chords: ArrayLike | None = None,
         arcs: ArrayLike | None = None,
-        mount: str = MOUNTS[0],
+        mount: str = "eye-in-hand",
         noise: Mapping[str, float] | None = None,
         side: ArrayLike = 0,
         group: ArrayLike | None = None,
@@ -261,7 +270,19 @@ class Scan:
         count = len(self.target.lengths)
         if len(self.sizes) != count or not all(size > 0 for size in self.sizes):
             raise ScanError(f"sizes is {self.sizes}; expected {count} lengths in mm")
+        P = len(self.values)
+        times = self.times if self.log else np.full(P, np.nan)
         with naming("Scan"):
+            times = check_array("times", times, (P,), finite=False)
+            vars(self)["times"] = read_only(times)
+            given, at_rest = len(self.p_base_flange), np.count_nonzero(~self.moving)
+            if given not in (at_rest, P):
+                raise ScanError(
+                    f"T_base_flange has {given} poses for {at_rest} {self.measured}"
+                    f"{' at rest' * bool(self.log)}; expected one for each"
+                )
+            if self.log:
+                vars(self).update(self._by_log(self.log))
             vars(self).update(self._in_final_form())
             self._check_measured()
 
@@ -293,68 +314,19 @@ class Scan:
             usual = "more, or none where nothing was seen (single ones are points)"
         if wrong.any():
             k = int(wrong.argmax())
-            found = f"pose {self.labels[k]!r} has {counts[k]} rows of {self.measured}"
-            raise ValueError(f"{found}; expected {usual}")
-
-    def _in_final_form(self) -> dict[str, Any]:
-        """All that is of poses, an entry for each. Raises ValueError for what is none.
-
-        In motion the log gives the poses, and sweeps the groups: orientations as they
-        were read and whether groups were stated are dropped.
-        """
-        P = len(self.values)
-        times = np.full(P, np.nan)
-        if self.log:
-            times = check_array("times", self.times, (P,), finite=False)
-        given, at_rest = len(self.p_base_flange), np.count_nonzero(np.isnan(times))
-        if given not in (at_rest, P):
-            raise ScanError(
-                f"T_base_flange has {given} poses for {at_rest} {self.measured}"
-                f"{' at rest' * bool(self.log)}; expected one for each"
+            raise ValueError(
+                f"pose {self.labels[k]!r} has {counts[k]} rows of {self.measured}; "
+                f"expected {usual}"
             )
-        labels, group = self.labels, self.group
-        R, p = self.R_base_flange, self.p_base_flange
-        orientation, group_given = self.orientation, self.group_given
-        if self.log:
-            labels, R, p, group = self._with_motion(self.log, times)
-            orientation, group_given = None, False
-        R = check_rotations("T_base_flange", R, P)
-        p = check_positions("T_base_flange", p, P)
-        if len(labels) != P:
-            raise ValueError(f"labels has {len(labels)} entries for {P} poses")
-        for label, count in Counter(labels).items():
-            if count > 1 or not label:
-                found = f"labels has {label!r} {count} times"
-                raise ValueError(f"{found}; expected names, each once")
-        group = groups_of(group, R)
-        if group.shape != (P,):
-            raise ValueError(f"group has shape {group.shape}; expected ({P},)")
-        if group_given:
-            check_alike("R_base_flange", R, group)
-        side = np.asarray(self.side)
-        if side.shape not in ((), (P,)) or not np.isin(side, (-1, 0, 1)).all():
-            raise ValueError(f"side is {self.side}; expected 1, -1 or 0, for each pose")
-        return {
-            "labels": tuple(labels),
-            "R_base_flange": read_only(R),
-            "p_base_flange": read_only(p),
-            "values": tuple(map(read_only, self.values)),
-            "orientation": orientation,
-            "group": group,
-            "group_given": group_given,
-            "times": read_only(times),
-            "sweeps": self.sweeps or ("",) * P,
-            "side": np.broadcast_to(side, P).astype(float),
-            "noise": {name: float(value) for name, value in self.noise.items()},
-        }
 
-    def _with_motion(self, log: Log, times: ndarray) -> tuple[Any, ...]:
+    def _by_log(self, log: Log) -> Entries:
         """Labels, poses and groups of all, those in motion by the log and by sweep.
 
         What is given is of those at rest; or of all, where `replace` makes a scan of
-        one that is complete. Raises ValueError.
+        one that is complete. Orientations as they were read and whether groups were
+        stated are dropped. Raises ValueError.
         """
-        P, moving = len(times), np.isfinite(times)
+        moving, P = self.moving, len(self.times)
         if len(self.sweeps) != P:
             raise ValueError(
                 f"{len(self.sweeps)} sweeps for {P} times; expected a time and the "
@@ -369,16 +341,53 @@ class Scan:
             every[moving] = of_moving
             return every
 
-        sweeps = np.array(self.sweeps)[moving]
-        names = [*map(moment_label, sweeps, times[moving])]
+        sweeps, times = np.array(self.sweeps)[moving], self.times[moving]
+        names = [*map(moment_label, sweeps, times)]
         labels = of_all(np.array(self.labels, dtype=object), names)
-        check_times(log, times, labels)
-        R, p, _ = log.at(times[moving] + (self.delay_ms or 0) / 1000)
+        check_times(log, self.times, labels)
+        R, p, _ = log.at(times + (self.delay_ms or 0) / 1000)
         R = of_all(self.R_base_flange, R)
-        group = of_all(groups_of(self.group, R[~moving]), -1)
-        numbers = np.unique(sweeps, return_inverse=True)[1]
-        group[moving] = group.max(initial=-1) + 1 + numbers
-        return labels, R, of_all(self.p_base_flange, p), group
+        group = groups_of(self.group, R[~moving])
+        number = np.unique(sweeps, return_inverse=True)[1]
+        return {
+            "labels": labels,
+            "R_base_flange": R,
+            "p_base_flange": of_all(self.p_base_flange, p),
+            "group": of_all(group, group.max(initial=-1) + 1 + number),
+            "orientation": None,
+            "group_given": False,
+        }
+
+    def _in_final_form(self) -> Entries:
+        """All that is of poses, an entry for each. Raises ValueError."""
+        P = len(self.values)
+        R = check_rotations("T_base_flange", self.R_base_flange, P)
+        p = check_positions("T_base_flange", self.p_base_flange, P)
+        if len(self.labels) != P:
+            raise ValueError(f"labels has {len(self.labels)} entries for {P} poses")
+        for label, count in Counter(self.labels).items():
+            if count > 1 or not label:
+                raise ValueError(
+                    f"labels has {label!r} {count} times; expected names, each once"
+                )
+        group = groups_of(self.group, R)
+        if group.shape != (P,):
+            raise ValueError(f"group has shape {group.shape}; expected ({P},)")
+        if self.group_given:
+            check_alike("R_base_flange", R, group)
+        side = np.asarray(self.side)
+        if side.shape not in ((), (P,)) or not np.isin(side, (-1, 0, 1)).all():
+            raise ValueError(f"side is {self.side}; expected 1, -1 or 0, for each pose")
+        return {
+            "labels": tuple(self.labels),
+            "R_base_flange": read_only(R),
+            "p_base_flange": read_only(p),
+            "values": tuple(map(read_only, self.values)),
+            "group": group,
+            "sweeps": self.sweeps or ("",) * P,
+            "side": np.broadcast_to(side, P).astype(float),
+            "noise": {name: float(value) for name, value in self.noise.items()},
+        }
 
     def __repr__(self) -> str:
         parts = []

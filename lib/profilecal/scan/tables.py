@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO, TextIOWrapper
 from itertools import chain, islice
+from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -67,8 +68,10 @@ def text_of(path: Path, megabytes: int = LARGEST_MB, encoding: str = "") -> str:
     with naming(path):
         size = path.stat().st_size / 1e6
         if size > megabytes:
-            expected = f"expected at most {megabytes} MB; thin profiles out"
-            raise ScanError(f"{path}: {size:.7g} MB; {expected}")
+            raise ScanError(
+                f"{path}: {size:.7g} MB; expected at most {megabytes} MB; "
+                "thin profiles out"
+            )
         content = path.read_bytes()
         if content[:2] in (BOM_UTF16_LE, BOM_UTF16_BE):
             return content.decode("utf-16")
@@ -222,9 +225,12 @@ class Table:
             self.refuse(empty, f"{title} is empty or NaN; expected a finite number")
         words = np.isinf(values)
         self.refuse(words, f"{title} is {{}}; expected a finite number", cells)
-        hint = "are the units in scan.toml right? Missing points are left out or blank"
-        sentence = f"{title} is {{:.6g}}; expected at most {largest:g}: {hint}"
-        self.refuse(np.abs(values) > largest, sentence, values)
+        self.refuse(
+            np.abs(values) > largest,
+            f"{title} is {{:.6g}}; expected at most {largest:g}: are the units in "
+            "scan.toml right? Missing points are left out or blank",
+            values,
+        )
         return values
 
 
@@ -277,20 +283,23 @@ def parts_of_text(
 
 def parts_of_arrays(path: Path, required: Collection[str]) -> Iterator[Table]:
     """The required columns of an .npz file, some rows at a time."""
-    is_file(path)
     try:
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             names = file.files
             columns = {name: file[name] for name in names if name in required}
     except Exception as error:  # zip, zlib and numpy have errors of their own
-        expected = "expected what numpy.savez writes of numbers and text (dtype str)"
-        raise ScanError(f"{path}: no arrays; {expected}: is it cut short?") from error
+        raise ScanError(
+            f"{path}: no arrays; expected what numpy.savez writes of numbers and text "
+            "(dtype str): is it cut short?"
+        ) from error
     rows = min((column.size for column in columns.values()), default=0)
     check_columns(path, required, names, rows)
     for name, column in columns.items():
         if column.shape != (rows,) or column.dtype.kind not in "Ufiu":
-            found = f"{name} is {column.dtype} of shape {column.shape}"
-            raise ScanError(f"{path}: {found}; expected numbers or text, ({rows},)")
+            raise ScanError(
+                f"{path}: {name} is {column.dtype} of shape {column.shape}; "
+                f"expected numbers or text, ({rows},)"
+            )
     for first in watched(range(0, rows, PART), f"reading {path.name}"):
         chosen = slice(first, first + PART)
         part = {name: column[chosen] for name, column in columns.items()}
@@ -302,14 +311,17 @@ def check_columns(
 ) -> None:
     """Refuse a table without rows, without required columns, or with two of a name."""
     if not rows:
-        expected = "expected names of columns, and a row for each pose or point"
-        raise ScanError(f"{path}: no rows; {expected}")
+        raise ScanError(
+            f"{path}: no rows; expected names of columns, and a row for each pose or "
+            "point"
+        )
     for name in (*required, *names):
         count = names.count(name)
         if count != 1:
-            found = f"{count or 'no'} columns {shown(name)}; expected one"
-            known = f"there are {listed(names)} (separated by commas)"
-            raise ScanError(f"{path}: {found}; {known}")
+            raise ScanError(
+                f"{path}: {count or 'no'} columns {shown(name)}; expected one; "
+                f"there are {listed(names)} (separated by commas)"
+            )
 
 
 def in_columns(path: Path, names: Sequence[str], rows: Rows) -> Table:
@@ -319,32 +331,32 @@ def in_columns(path: Path, names: Sequence[str], rows: Rows) -> Table:
     """
     lines, fields_by_row = zip(*rows, strict=True)
     counts = np.array([*map(len, fields_by_row)])
-    found = f"{{}} fields; expected {len(names)}: is the file cut short? "
-    hint = "Are there decimal commas, or rows of a matrix?"
-    Table(path, {}, lines).refuse(counts != len(names), found + hint, counts)
+    table = Table(path, {}, lines)
+    table.refuse(
+        counts != len(names),
+        f"{{}} fields; expected {len(names)}: is the file cut short? "
+        "Are there decimal commas, or rows of a matrix?",
+        counts,
+    )
     cells = zip(*fields_by_row, strict=True)
-    columns: dict[str, Sequence] = dict(zip(names, cells, strict=True))
-    return Table(path, columns, lines)
+    table.columns.update(zip(names, cells, strict=True))
+    return table
 
 
 def write_table(path: Path, columns: Mapping[str, Sequence]) -> None:
     """Write a CSV file; numbers to twelve digits, times `t`, which may count from 1970,
     to all; NaN as an empty cell.
     """
-    arrays = {name: np.asarray(values) for name, values in columns.items()}
-    rows = max(map(len, arrays.values()), default=0)
+    cells = [cells_of(name, np.asarray(values)) for name, values in columns.items()]
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        for first in range(0, rows, PART):
-            part = slice(first, first + PART)
-            cells = [cells_of(arrays[name][part], name == "t") for name in arrays]
-            writer.writerows(zip(*cells, strict=True))
+        writer.writerows(zip(*cells, strict=True))
 
 
-def cells_of(values: ndarray, exact: bool) -> list:
-    """A column as `write_table` writes it."""
+def cells_of(name: str, values: ndarray) -> Iterable:
+    """A column as `write_table` writes it, one cell after the other."""
     if values.dtype.kind != "f":
-        return values.tolist()
-    written = repr if exact else "{:.12g}".format
-    return ["" if np.isnan(value) else written(value) for value in values.tolist()]
+        return values
+    written = repr if name == "t" else "{:.12g}".format
+    return ("" if isnan(value) else written(value) for value in map(float, values))

@@ -25,6 +25,8 @@ from typing import Annotated, Any
 
 from profilecal.scan.tables import ScanError, naming, shown, text_of
 
+# what a table in a file says, or fields of a Scan, by name
+Entries = dict[str, Any]
 # whether a value is allowed, and what is, in words
 Rule = tuple[Callable[[Any], bool], str]
 
@@ -111,19 +113,22 @@ def check_entries(
         described = entries_of(described)
     for name in needed:
         if name not in entries:
-            expected = described[name][1]
-            raise ScanError(f"{path}: {name} is missing{where}; expected {expected}")
+            raise ScanError(
+                f"{path}: {name} is missing{where}; expected {described[name][1]}"
+            )
     for name, value in entries.items():
         if name not in described:
             known = ", ".join(described) or "none"
-            unknown = f"unknown entry {shown(name)}{where}"
-            raise ScanError(f"{path}: {unknown}; there are {known}")
+            raise ScanError(
+                f"{path}: unknown entry {shown(name)}{where}; there are {known}"
+            )
         rule = described[name]
         is_table = not isinstance(rule, tuple)
         allowed, expected = TABLE if is_table else rule
         if not allowed(value):
-            said = f"{name} is {shown(value)}{where}"
-            raise ScanError(f"{path}: {said}; expected {expected}")
+            raise ScanError(
+                f"{path}: {name} is {shown(value)}{where}; expected {expected}"
+            )
         if is_table:
             check_entries(path, value, rule, name)
 
@@ -138,7 +143,7 @@ def made_of(table: Any, entries: Mapping[str, Any]) -> Any:
     return table(**{**entries, **inner})
 
 
-def read_toml(path: str | Path) -> dict[str, Any]:
+def read_toml(path: str | Path) -> Entries:
     """The content of a TOML file. Raises ScanError."""
     path = Path(path)
     with naming(path):

@@ -16,6 +16,7 @@ from profilecal.scan.scan import MEASURED, MOUNTS, Scan, length_rules
 from profilecal.scan.tables import ScanError, naming
 from profilecal.scan.toml import (
     Count,
+    Entries,
     check_entries,
     entries_of,
     made_of,
@@ -49,7 +50,7 @@ class Spec:
     # which of the target's tables; empty: the last, its points, chords or arcs if it
     # has such
     measured: str = ""
-    mount: Annotated[str, one_of(MOUNTS)] = MOUNTS[0]
+    mount: Annotated[str, one_of(MOUNTS)] = Scan.mount
     convention: Annotated[str, one_of(NAMES)] = NAMES[0]
     specimen: str = ""  # which body raw profiles show; empty: the target's usual one
     # flange orientations; 0: what the kind needs
@@ -161,7 +162,7 @@ def truth_of(scan: Scan) -> Truth:
 
 def pose_name(mount: str) -> str:
     """What the sensor's pose is called in files."""
-    return "T_flange_sensor" if mount == MOUNTS[0] else "T_base_sensor"
+    return f"T_{MOUNTS[mount]}_sensor"
 
 
 def read_spec(
@@ -245,21 +246,22 @@ def record(scene: Scene, poses: Frames, spec: Spec, rng: Generator) -> Scan:
     if noise.repeatability_deg:
         turn = np.radians(noise.repeatability_deg) * rng.normal(size=T_actual.shape)
         R_actual = rotations(turn) @ R_actual
-    R, T = scene.observations.R_flange[0], scene.observations.T_flange[0]
+    seen = scene.observations.keep(visit)
+    R, T = seen.R_flange[0], seen.T_flange[0]
     if spec.to_hand:
         R, T = inverse(R, T)
     again = [f"m{k + 1}" for k in range(spec.repeats)] if spec.repeats > 1 else [""]
     said = {
         "labels": tuple(name + suffix for name in scene.labels for suffix in again),
-        "R_base_flange": R[visit],
-        "p_base_flange": T[visit],
-        "group": scene.observations.labels[visit],
+        "R_base_flange": R,
+        "p_base_flange": T,
+        "group": seen.labels,
     }
     return scan_from(scene, (R_actual[visit], T_actual[visit]), said, spec, rng)
 
 
 def scan_from(
-    setup: Setup, flange: Frames, said: dict[str, Any], spec: Spec, rng: Generator
+    setup: Setup, flange: Frames, said: Entries, spec: Spec, rng: Generator
 ) -> Scan:
     """The scan of what is seen where the flange is, (P, 3, 3), (P, 3) mm, while the
     robot says where it is: entries of a Scan.

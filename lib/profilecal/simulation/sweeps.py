@@ -4,7 +4,7 @@ a clock of its own.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from numpy import ndarray
@@ -13,7 +13,7 @@ from numpy.random import Generator
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import Frames, inverse, rotations
 from profilecal.scan.motion import DELAY_MS, checked_log
-from profilecal.scan.toml import Count, number, one_of
+from profilecal.scan.toml import Count, Entries, number, one_of
 from profilecal.simulation.scene import STANDOFF, Setup, in_unit_ball
 
 PATTERNS = ("weave", "both ways", "random", "one way", "one way in the base")
@@ -150,7 +150,7 @@ def drive(
     spread_deg: float,
     to_hand: bool = False,
     planned: Sequence[Sweep] = (),
-) -> tuple[dict[str, Any], Frames]:
+) -> tuple[Entries, Frames]:
     """What a robot and a scanner record on the sweeps of a motion, or on those that are
     planned, with the errors of the robot that a sweep or a stop has, and the jitter of
     the scanner's times: entries of a Scan; and where the flange really was, (P, 3, 3),
@@ -186,7 +186,7 @@ def drive(
         times.append(taken - motion.delay_ms / 1000 + jitter)
         names += [f"s{k + 1}"] * len(taken)
         begin = ends[1] + PAUSE_S
-    t, R_log, p_log = (np.concatenate(parts) for parts in zip(*logs, strict=True))
+    t, R_log, p_log = map(np.concatenate, zip(*logs, strict=True))
     clock = np.concatenate(times)
     clock = clock - 1e-6 * motion.drift_ppm * (clock - t.mean())
     said = {
@@ -198,7 +198,7 @@ def drive(
         "times": clock.round(6),
         "sweeps": tuple(names),
     }
-    R, p = (np.concatenate(parts) for parts in zip(*actual, strict=True))
+    R, p = map(np.concatenate, zip(*actual, strict=True))
     return said, (R, p)
 
 

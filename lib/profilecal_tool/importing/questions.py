@@ -7,7 +7,7 @@ from shutil import copy
 from typing import Annotated, Any
 
 from profilecal.scan.folder import read_header, write_scan
-from profilecal.scan.scan import MOUNTS, Scan
+from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, new_folder, remove
 from profilecal.scan.toml import (
     TEXT,
@@ -53,7 +53,7 @@ class Layout:
     unit: str = ""  # of profiles
     missing: OneNumber = None  # z where nothing was seen
     encoding: str = ""  # of text
-    mount: str = MOUNTS[0]
+    mount: str = Scan.mount
 
 
 def one_or_ask(place: Any, names: Sequence[str], what: str, option: str) -> str:

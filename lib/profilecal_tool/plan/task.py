@@ -115,8 +115,8 @@ class Task:
         if plan.speed:
             table, ends = "sweeps.csv", ("begin", "end")
             labels = [f"s{k // 2 + 1} {ends[k % 2]}" for k in numbers]
-        columns = poses_columns(labels, *self.model.in_base(plan.R, plan.T), convention)
-        write_table(folder / table, columns)
+        way = poses_columns(*self.model.in_base(plan.R, plan.T), convention)
+        write_table(folder / table, {"pose": labels} | way)
         title = source.title or f"planned {source.kind}"
         files = {"scan": header_of(source, title, self.stated)}
         if self.entries:
