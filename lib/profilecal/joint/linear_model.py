@@ -598,8 +598,10 @@ class LinearModel:
         errors, covariances = np.zeros(self.E.shape[:2]), self.own(posterior.v[0])
         errors[out] = Z @ np.append(x, 1.0)
         covariances[out] += A @ V @ A.mT
-        _, (W,), _ = posterior.factors.solve(self.rows.Z)
-        P, _, w = self.precisions(posterior.factors, (x, V), W)
+        factors = posterior.factors
+        assert factors  # poses are left out where the flange may err
+        _, (W,), _ = factors.solve(self.rows.Z)
+        P, _, w = self.precisions(factors, (x, V), W)
         real = self.rows.profiles >= 0
         covariance = np.linalg.pinv(P[real], hermitian=True)
         profiles = self.rows.profiles[real]

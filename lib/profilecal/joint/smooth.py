@@ -132,11 +132,12 @@ class SmoothErrors:
         errors[:, 0, :, 0] = axes[..., None] * ways[:, None, None]
         errors[:, 0, :, 1] = of_turn
         errors[:, 1, :, 2] = self.ratio * of_turn
-        errors = errors.reshape(-1, 6, COEFFICIENTS)
+        of_flange = errors.reshape(-1, 6, COEFFICIENTS)
         if self.bends:
-            bends = errors[..., None] * turns[:, None, None] / 2
-            errors = np.concatenate([errors, bends.reshape(len(R), 6, -1)], axis=2)
-        return rigid, errors
+            bends = of_flange[..., None] * turns[:, None, None] / 2
+            bends = bends.reshape(len(R), 6, -1)
+            of_flange = np.concatenate([of_flange, bends], axis=2)
+        return rigid, of_flange
 
     def arms(self, some: ndarray) -> ndarray:
         """From the flange to the sensor of some profiles, in its frame, (k|1, 3)."""

@@ -201,20 +201,21 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
     """
     names = prior.names(problem.groups.distinguishable)
     law = prior.law(names)
-    likely = None
+    y = None
     # profiles: `first`, that large errors explain; `kept`, that a model rests on;
     # `after`, that belong by what it says
     for _ in range(ROUNDS):
-        if likely:
+        if y is not None:
             problem, state = after_step(problem, state, likely.posterior.mean[0])
         columns = problem.columns_in_mm(state)
         model = problem.model(state, names, columns=columns)
-        if not likely:
+        if y is None:
             first = kept = after = model.kept
             if robust:
                 first = kept = of_large_errors(problem, state, model, prior)
         model = model.keeping(kept)
-        likely = likeliest(model, law, likely and likely.y)
+        likely = likeliest(model, law, y)
+        y = likely.y
         if robust:
             after = still_belonging(problem, model, likely.posterior, first)
         same = bool((after == kept).all())
@@ -389,7 +390,7 @@ def how_known(
     know of that, and do.
     """
     status, rotation, frame = str(known.status), state.rotation[0], frame_of(problem)
-    remarks = []
+    remarks: list[str] = []
     if problem.clock is not None:
         C = error_sizes.covariance
         status, known, remarks = delay.verdict(C, problem.clock, known, rotation, frame)
