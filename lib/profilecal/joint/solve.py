@@ -201,21 +201,21 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
     """
     names = prior.names(problem.groups.distinguishable)
     law = prior.law(names)
-    y = None
+    y = step = None
     # profiles: `first`, that large errors explain; `kept`, that a model rests on;
     # `after`, that belong by what it says
     for _ in range(ROUNDS):
-        if y is not None:
-            problem, state = after_step(problem, state, likely.posterior.mean[0])
+        if step is not None:
+            problem, state = after_step(problem, state, step)
         columns = problem.columns_in_mm(state)
         model = problem.model(state, names, columns=columns)
-        if y is None:
+        if step is None:
             first = kept = after = model.kept
             if robust:
                 first = kept = of_large_errors(problem, state, model, prior)
         model = model.keeping(kept)
         likely = likeliest(model, law, y)
-        y = likely.y
+        y, step = likely.y, likely.posterior.mean[0]
         if robust:
             after = still_belonging(problem, model, likely.posterior, first)
         same = bool((after == kept).all())
