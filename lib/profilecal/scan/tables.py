@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO, TextIOWrapper
 from itertools import chain, islice
-from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -347,16 +346,20 @@ def write_table(path: Path, columns: Mapping[str, Sequence]) -> None:
     """Write a CSV file; numbers to twelve digits, times `t`, which may count from 1970,
     to all; NaN as an empty cell.
     """
-    cells = [cells_of(name, np.asarray(values)) for name, values in columns.items()]
+    arrays = {name: np.asarray(values) for name, values in columns.items()}
+    rows = max(map(len, arrays.values()), default=0)
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        writer.writerows(zip(*cells, strict=True))
+        for first in range(0, rows, PART):
+            part = slice(first, first + PART)
+            cells = [cells_of(arrays[name][part], name == "t") for name in arrays]
+            writer.writerows(zip(*cells, strict=True))
 
 
-def cells_of(name: str, values: ndarray) -> Iterable:
-    """A column as `write_table` writes it, one cell after the other."""
+def cells_of(values: ndarray, exact: bool) -> list:
+    """A column as `write_table` writes it."""
     if values.dtype.kind != "f":
-        return values
-    written = repr if name == "t" else "{:.12g}".format
-    return ("" if isnan(value) else written(value) for value in map(float, values))
+        return values.tolist()
+    written = repr if exact else "{:.12g}".format
+    return ["" if np.isnan(value) else written(value) for value in values.tolist()]
