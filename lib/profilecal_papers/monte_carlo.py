@@ -13,6 +13,7 @@ from itertools import product
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import norm
 from numpy.typing import ArrayLike
 
 from profilecal.closed_form.two_step import solve_translation
@@ -32,11 +33,9 @@ PROBLEMS = 64  # solved at a time
 # Readings of "the standard deviation e" of the disk paper's Figs 15 and 17: from errors
 # (..., trials, 3) to (...)
 READINGS = {
-    "standard deviation of the norms": lambda e: np.linalg.norm(e, axis=-1).std(
-        axis=-1
-    ),
+    "standard deviation of the norms": lambda e: norm(e, axis=-1).std(axis=-1),
     "root mean square": lambda e: np.sqrt((e**2).sum(axis=-1).mean(axis=-1)),
-    "mean of the norms": lambda e: np.linalg.norm(e, axis=-1).mean(axis=-1),
+    "mean of the norms": lambda e: norm(e, axis=-1).mean(axis=-1),
 }
 # The one that counts wherever the paper says "standard deviation": no other gives the
 # numbers of Section V-D2, the only ones without a free setting.

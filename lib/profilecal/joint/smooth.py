@@ -61,7 +61,7 @@ class SmoothErrors:
     ratio: float  # an error of the orientation, rad, to one of the position
     to_hand: bool
     middle: Frames  # orientation (3, 3) and position (3,) that they are counted from
-    # (12, 27) the steps of sensor pose and base that take up the most of the errors
+    # (12, count) the steps of sensor pose and base that take up the most of the errors
     steps: ndarray
     bends: bool = False  # whether these follow the coefficients; four times as many
 
@@ -78,7 +78,7 @@ class SmoothErrors:
     def columns(
         self, by_flange: ndarray, profiles: ndarray | slice = slice(None)
     ) -> ndarray:
-        """By how much each coefficient moves rows (k, K, 27) of some profiles that a
+        """By how much each coefficient moves rows (k, K, count) of some profiles that a
         motion of the flange moves by `by_flange` (k, K, 6), without what the steps take
         up.
         """
@@ -110,7 +110,7 @@ class SmoothErrors:
 
     def motions(self, some: ndarray) -> tuple[ndarray, ndarray]:
         """Of some profiles (k,), by number: motions (k, 6, 12) by steps of the sensor
-        pose and of the base, and (k, 6, 27) by each coefficient.
+        pose and of the base, and (k, 6, count) by each coefficient.
         """
         R, T = (array[some] for array in self.poses)
         rotation, place = self.middle

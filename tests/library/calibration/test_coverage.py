@@ -35,6 +35,7 @@ TARGETS = {
     "plane": {"kind": "plane", "scanner": SCANNER},
     "rod": {"kind": "rod", "scanner": SCANNER},
 }
+PRICE = {"plane": 4.0, "disk": 2.0}  # how many times as wide regions may be
 BOTH = {"position_mm": 0.05, "orientation_deg": 0.02}
 OF_AN_ORIENTATION = {"group_position_mm": 0.05, "group_orientation_deg": 0.01}
 # the second target, which stands in the place of the first
@@ -86,8 +87,8 @@ def assert_held(squares, wide=1.0):
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_the_truth_lies_in_the_stated_region_of_raw_profiles(target, tmp_path):
-    """By the printed covariance, from scan folders. Up to four times as wide as need
-    be: nothing tells that this robot is exact.
+    """By the printed covariance, from scan folders. Some may be wider than need be:
+    their scans do not tell that this robot is exact.
     """
     squares = []
     for seed in range(SCANS):
@@ -96,7 +97,7 @@ def test_the_truth_lies_in_the_stated_region_of_raw_profiles(target, tmp_path):
         found = pc.calibrate(pc.read_scan(tmp_path / str(seed)))
         printed = json.loads(json.dumps(found.to_json()))
         squares.append(printed_square(printed, scan.truth))
-    assert_held(squares, wide=4)
+    assert_held(squares, wide=PRICE.get(target, 1.0))
 
 
 def scans_of(cell, seed):
