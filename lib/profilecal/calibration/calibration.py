@@ -348,7 +348,8 @@ def joint_entries(solution: Solution) -> dict[str, Any]:
     smooth = {}
     if SMOOTH in robot_errors:
         smooth["smooth"] = solution.smooth.known
-        robot_errors["accuracy_deg"] = solution.noise.accuracy_deg
+        of_sizes = solution.noise.of_sizes(robot_errors)
+        robot_errors["accuracy_deg"] = of_sizes.accuracy_deg
     return smooth | {
         "columns": column_names(problem, smooth=bool(smooth)),
         "mean": mean,

@@ -80,10 +80,9 @@ def verdict(
     otherwise. Then an open delay allows no "ok", however slow the motion.
     """
     sd_s = float(np.sqrt(covariance[clock, clock]))
-    C = known.covariance
     moves = covariance[:6, clock] / sd_s
-    moves = moves * np.sqrt(C[0, 0] / covariance[0, 0])  # enlarged as C is
-    others = of_covariance(C - np.outer(moves, moves), known.rank, known.parameters)
+    C = known.covariance - np.outer(moves, moves)
+    others = of_covariance(C, known.rank, known.parameters)
     status = str(known.status)
     is_open = sd_s > DELAY_S / 2
     harms = normalised_square(others.covariance, moves) > 1

@@ -84,13 +84,13 @@ class Likeliest:
     # (d, d) of the inverse curvature there, the symmetric one: it does not depend on
     # the sign and the order that eigenvectors happen to have
     root: ndarray
-    posterior: Posterior  # there, or a small step before
+    posterior: Posterior  # where they were looked at last: there, or nearly
+    height: float  # of the log density, where they were looked at
 
     @property
     def log_evidence(self) -> float:
         """Of all sizes together, as if their density were normal (Laplace)."""
-        height = log_density(self.posterior, self.y[None])[0]
-        return float(height + np.linalg.slogdet(self.root)[1])
+        return float(self.height + np.linalg.slogdet(self.root)[1])
 
 
 def likeliest(model: LinearModel, law: Law, y: ndarray | None = None) -> Likeliest:
@@ -140,7 +140,8 @@ def likeliest(model: LinearModel, law: Law, y: ndarray | None = None) -> Likelie
             step = step / 2
         y = y + step
         h, around, posterior = there
-    return Likeliest(y, vectors / np.sqrt(values) @ vectors.T, posterior)
+    root = vectors / np.sqrt(values) @ vectors.T
+    return Likeliest(y, root, posterior, h)
 
 
 def draw(

@@ -309,7 +309,7 @@ class LinearModel:
         """The model of some of its profiles (profiles,) only."""
         other = copy(self)
         other.kept = kept
-        if self.smooth and not kept.all():
+        if self.smooth and (kept != self.kept).any():
             other.smooth = self.smooth.keeping(kept)
         for name in ("rows", "rest_of_kept"):
             vars(other).pop(name, None)

@@ -79,12 +79,15 @@ class Solution:
     @property
     def known_of_all(self) -> tuple[ndarray, ndarray]:
         """What is known of all columns: mean and covariance of the unknowns, which are
-        at their mean, of the errors considered, and of the coefficients of smooth
-        errors.
+        at their mean as the clock is, of the errors considered, and of the coefficients
+        of smooth errors.
         """
-        sizes, n = self.error_sizes, self.problem.n
+        sizes, problem = self.error_sizes, self.problem
         posterior = self.model()[0].posterior(sizes.mean_v[None])
-        mean = np.append(np.zeros(n), sizes.mean[n:])
+        mean = sizes.mean.copy()
+        mean[: problem.n] = 0
+        if problem.clock is not None:
+            mean[problem.clock] = 0
         covariance = sizes.covariance / sizes.enlarged
         mean, covariance = posterior.with_smooth(mean, covariance)
         # smooth errors stand first in the model's columns, and last here

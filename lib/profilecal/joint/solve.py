@@ -258,7 +258,7 @@ def after_step(problem: Problem, state: State, x: ndarray) -> tuple[Problem, Sta
     no more than 0.1 rad and shifts by 10 mm.
     """
     step = x[None, : problem.n]
-    share = min(1.0, 0.1 / reach(step)[0])
+    share = 0.1 / max(0.1, reach(step)[0])
     state = problem.move(state, step * share)
     if problem.clock is None:
         return problem, state
@@ -344,7 +344,12 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
     dof = max(int(model.counts[model.kept].sum()) - n, 1)
 
     enlargement, messages = enlargement_by_misfit(prior, chi2, dof)
-    covariance = error_sizes.covariance[:6, :6] * enlargement
+    error_sizes = replace(
+        error_sizes,
+        covariance=error_sizes.covariance * enlargement,
+        enlarged=error_sizes.enlarged * enlargement,
+    )
+    covariance = error_sizes.covariance[:6, :6]
     rank = spectrum(posterior.normal[0, :n, :n], problem.units).rank
     observability = of_covariance(covariance, rank, n)
     status, remarks = how_known(problem, state, error_sizes, observability)

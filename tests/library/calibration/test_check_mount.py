@@ -44,6 +44,8 @@ MOUNTED = [*zip(PLANS, cycle(["eye-to-hand", "eye-in-hand"]), strict=False)]
 def test_poses_are_predicted_and_a_moved_sensor_is_seen(kind, mount):
     first, *others = scans(kind, 5, mount=mount)
     found = pc.calibrate(first)
+    errors = found.answer.joint.robot_errors
+    assert errors["accuracy_deg"] == pytest.approx(0.1 * errors["accuracy_mm"])
     checks = [pc.check_mount(found, few(scan, [0, 9, 20])) for scan in others]
     mean = np.mean([check.chi2 / check.count for check in checks])
     assert 0.3 < mean < 2

@@ -17,6 +17,7 @@ from profilecal.geometry.noise import Noise, normalised_square
 from profilecal.joint.error_sizes import average, likeliest
 from profilecal.joint.prior import USUAL, Prior
 from profilecal.joint.problem import Problem
+from profilecal.joint.solve import solve
 from profilecal.simulation.spec import truth_of
 
 SMALL = {"sweeps": 8, "profiles": 20}
@@ -75,6 +76,20 @@ def test_jitter_that_is_not_known_leaves_the_errors_of_places_known():
     sizes = average(model, prior, likeliest(model, prior.law(model.names)))
     assert sizes.sizes[1].low < sizes.sizes[1].high
     assert sizes.freedom == 1000
+
+
+def test_noise_that_is_stated_too_small_makes_no_delay_better_known():
+    """Nor any other of the unknowns, which a solution has at their mean."""
+    scan, _ = driven("ball", seed=3, noise={"profile_mm": 0.05})
+    _, observed, _ = observe_all([scan])
+    known = []
+    for stated_mm in (0.005, 0.05):
+        solution = solve(observed, Noise(stated_mm))
+        mean, covariance = solution.known_of_all
+        assert_allclose(mean[: solution.problem.clock + 1], 0, atol=1e-12)
+        sd = np.sqrt(np.diag(covariance))[: solution.problem.clock]
+        known.append([solution.delay_sd_s, *sd])
+    assert_allclose(*known, rtol=0.05)
 
 
 @pytest.mark.parametrize(

@@ -54,9 +54,10 @@ def test_errors_are_as_usual_where_nothing_is_stated():
 
 
 def test_the_likeliest_sizes_are_those_that_scipy_finds(monkeypatch):
-    monkeypatch.setattr("profilecal.joint.error_sizes.PROMISE", 1e-8)
     model = edge_model(1, groups=6, positions=4)
     law = PRIOR.law(model.names)
+    roughly = likeliest(model, law)
+    monkeypatch.setattr("profilecal.joint.error_sizes.PROMISE", 1e-8)
 
     def unlikely(y):
         v = law.variances(y[None])
@@ -67,6 +68,9 @@ def test_the_likeliest_sizes_are_those_that_scipy_finds(monkeypatch):
     by_scipy = minimize(unlikely, start, method="BFGS")
     assert unlikely(likely.y) == pytest.approx(by_scipy.fun, abs=1e-5)
     assert np.linalg.eigvalsh(likely.root).min() > 0
+    for found, within in ((likely, 1e-6), (roughly, 1e-3)):  # that steps promise
+        height = found.log_evidence - np.linalg.slogdet(found.root)[1]
+        assert height == pytest.approx(-unlikely(likely.y), abs=within)
 
 
 def test_a_search_that_runs_out_of_steps_ends_where_it_looked_last(monkeypatch):

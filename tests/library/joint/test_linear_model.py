@@ -36,10 +36,11 @@ JITTER = "jitter_ms"
 
 @dataclass(frozen=True)
 class Smooth:
-    """Errors that are smooth, whichever profiles are kept."""
+    """Errors that are smooth, of which only steps remember which profiles are kept."""
 
     left: np.ndarray  # (profiles, 6, 12), of bends from the eighth on
     bends: bool = False
+    steps: int = len(PROFILES)
 
     @property
     def count(self):
@@ -49,7 +50,7 @@ class Smooth:
         return by_flange @ self.left[profiles, :, : self.count]
 
     def keeping(self, kept):
-        return self
+        return replace(self, steps=int(kept.sum()))
 
 
 class Dense:
@@ -138,6 +139,13 @@ def test_bends_add_what_they_do_to_a_mean_that_ignores_them(kept):
     moves = [textbook(r + bend, A, C, dense.precision)[0] - without for bend in bends.T]
     found = dense.model.keeping(np.isin(PROFILES, kept)).by_bends(v)
     assert_allclose(found, v[-1] * np.transpose(moves) @ moves, rtol=1e-8)
+
+
+def test_what_is_taken_out_of_smooth_errors_follows_the_profiles_kept():
+    model = Dense(smooth=True).model
+    for kept in (PROFILES > 3, PROFILES >= 0):
+        model = model.keeping(kept)
+        assert model.smooth.steps == kept.sum()
 
 
 def random_groups(profiles, poses, rng):

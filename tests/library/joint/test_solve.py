@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from many_scenes import SIGMA
 from numpy.random import default_rng
+from numpy.testing import assert_array_equal
 
 from profilecal.geometry.noise import Noise, normalised_square
 from profilecal.geometry.poses import pose_error
-from profilecal.joint.solve import UNSETTLED, solve
+from profilecal.joint.problem import Problem
+from profilecal.joint.solve import UNSETTLED, after_step, solve
 from profilecal.simulation.scene import random_scene
 
 NOISE = Noise(SIGMA)
@@ -49,6 +51,13 @@ def test_an_estimate_that_does_not_settle_says_so(monkeypatch):
     solution = solve([seen], NOISE)
     assert solution.status == "weak"
     assert solution.messages == (UNSETTLED,)
+
+
+def test_a_step_of_zero_leads_nowhere():
+    scene = random_scene("ball", default_rng(1))
+    problem = Problem([scene.observations], NOISE)
+    _, state = after_step(problem, scene.truth, np.zeros(problem.n))
+    assert_array_equal(state.translation, scene.truth.translation)
 
 
 @pytest.mark.parametrize(
