@@ -159,7 +159,6 @@ def with_best_lengths(stated: Observations) -> Observations:
         return misfit(times(log_ratio))[0] ** 2
 
     rough = min(np.arange(-2, 2.1, 0.5), key=square)
-    # an interval whose golden section, which is looked at first, is the rough one
-    bounds = rough - 0.5, rough + 0.81
+    bounds = rough - 0.5, rough + 0.5
     best = minimize_scalar(square, bounds=bounds, options={"xatol": 0.004})
     return times(best.x)
