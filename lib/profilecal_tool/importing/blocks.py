@@ -3,7 +3,7 @@
 import re
 from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -51,6 +51,8 @@ class Block:
     name: str = ""  # what the file calls it
     robot: str = ""  # the maker whose program it is of
     kind: str = "pose"  # of a program; or "tool", "base", "uses"
+    called: str = ""  # what the file calls what is chosen
+    chosen: dict[str, Column] = field(default_factory=dict)  # of a pose or point
 
     @property
     def is_bare(self) -> bool:
@@ -70,6 +72,29 @@ class Block:
         """
         cells = {self.title(c.at): self.table[c.at].to_numpy() for c in columns}
         return Table(self.path, cells, self.table.index).numbers(cells, blank)
+
+    def numbers_of(self, roles: Iterable[str], blank: bool = False) -> ndarray:
+        """The same of what is chosen."""
+        return self.numbers([self.chosen[role] for role in roles], blank)
+
+    def units(self, roles: Iterable[str]) -> set[str]:
+        """The units that titles of what is chosen say."""
+        return {self.chosen[role].unit for role in roles} - {""}
+
+    def at(self, rows: Any) -> "Block":
+        """The same of some rows, by where they stand in the table."""
+        return replace(self, table=self.table.iloc[rows])
+
+    @property
+    def convention(self) -> Convention:
+        """Of the orientation of the pose that is chosen."""
+        return convention_of(self.chosen)
+
+    @property
+    def labels(self) -> dict[str, list[str]]:
+        """What may be labels of the rows, by title."""
+        free = [c for c in self.others if c.role in ("label", "")]
+        return {self.title(c.at): [*map(label_of, self.table[c.at])] for c in free}
 
     @cached_property
     def columns(self) -> list[Column]:
@@ -118,7 +143,7 @@ class Block:
         return [], name
 
     @cached_property
-    def poses(self) -> dict[str, "Part"]:
+    def poses(self) -> dict[str, "Block"]:
         """The pose of each row, under whose it is: a position, and angles of the same
         owner, or else of none that has a position.
         """
@@ -134,13 +159,14 @@ class Block:
             if convention := convention_of(columns):
                 name = f"{self.name} {owner}".strip()
                 roles = (*XYZ, *convention.columns)
-                poses[owner] = Part(self, name, {r: columns[r] for r in roles})
+                chosen = {role: columns[role] for role in roles}
+                poses[owner] = replace(self, called=name, chosen=chosen)
         return poses
 
     @cached_property
     def others(self) -> list[Column]:
         """The columns that are of no pose."""
-        posed = {c for pose in self.poses.values() for c in pose.columns.values()}
+        posed = {c for pose in self.poses.values() for c in pose.chosen.values()}
         return [column for column in self.columns if column not in posed]
 
     def having(self, *roles: str) -> list[Column]:
@@ -151,46 +177,7 @@ class Block:
 Files = dict[Path, list[Block]]  # files, and the tables in each
 
 
-@dataclass(frozen=True)
-class Part:
-    """What each row of a block is: a pose, or a point."""
-
-    block: Block
-    name: str  # what the file calls it
-    columns: dict[str, Column]  # by role
-
-    @property
-    def path(self) -> Path:
-        """The file, or the first of several."""
-        return self.block.path
-
-    @property
-    def convention(self) -> Convention:
-        """Of a pose's orientation."""
-        return convention_of(self.columns)
-
-    @property
-    def labels(self) -> dict[str, list[str]]:
-        """What may be labels of the rows, by title."""
-        block = self.block
-        free = [c for c in block.others if c.role in ("label", "")]
-        return {block.title(c.at): [*map(label_of, block.table[c.at])] for c in free}
-
-    def numbers(self, roles: Iterable[str], blank: bool = False) -> ndarray:
-        """Columns as numbers (rows, columns). Raises ScanError."""
-        return self.block.numbers([self.columns[role] for role in roles], blank)
-
-    def units(self, roles: Iterable[str]) -> set[str]:
-        """The units that titles of columns say."""
-        return {self.columns[role].unit for role in roles} - {""}
-
-    def at(self, rows: Any) -> "Part":
-        """The same of some rows, by where they stand in the table."""
-        block = replace(self.block, table=self.block.table.iloc[rows])
-        return replace(self, block=block)
-
-
-def parts_called(parts: list[Part], entry: str, liked: str, what: str) -> list[Part]:
+def parts_called(parts: list[Block], entry: str, liked: str, what: str) -> list[Block]:
     """The parts of one name: as the entry says, or else of the robot, and with a word
     that is liked. Raises Question for several.
     """
@@ -200,11 +187,11 @@ def parts_called(parts: list[Part], entry: str, liked: str, what: str) -> list[P
         text, wish = name.lower(), entry.lower()
         return wish in text, wish == text, not is_of_other(text), liked in text
 
-    names = [*dict.fromkeys(part.name for part in parts)]
+    names = [*dict.fromkeys(part.called for part in parts)]
     best = max(map(fit, names))
     names = [name for name in names if fit(name) == best]
     name = one_or_ask(parts[0].path, names, what, "entry")
-    return [part for part in parts if part.name == name]
+    return [part for part in parts if part.called == name]
 
 
 def has_constants(cells: DataFrame, roles: list[str]) -> bool:

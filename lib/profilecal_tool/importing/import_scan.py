@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy import ndarray
+from pandas import Series
 
 from profilecal.geometry.log import GAP
 from profilecal.geometry.progress import watched
@@ -16,13 +17,12 @@ from profilecal.scan.folder import NO_POSES, check_header, scan_of
 from profilecal.scan.motion import checked_log
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, listed, naming
-from profilecal_tool.importing.blocks import Block, Files, Part, counted
+from profilecal_tool.importing.blocks import Block, Files, counted
 from profilecal_tool.importing.pair_profiles import Times, pair_profiles
 from profilecal_tool.importing.questions import Layout, Question, one_or_ask
 from profilecal_tool.importing.read_file import is_known, tables_in_file
 from profilecal_tool.importing.robot_poses import pose_entries, poses_in, robot_poses
 from profilecal_tool.importing.scanner_profiles import (
-    Profiles,
     point_tables,
     read_profiles,
     with_a_point_a_row,
@@ -49,16 +49,18 @@ def import_scan(
     poses, profiles, beside = read_folder(folder, layout, taken)
     poses, tool = of_one_tool(poses, beside, layout, taken)
     moves = [row.get("name") for row in said_in_program(poses, beside, "uses")]
-    pairing = pair_profiles(poses, profiles.names, moves, layout)
+    pairing = pair_profiles(poses, [*profiles.index], moves, layout)
     taken["matched"] = pairing.how
-    rows, order = pairing.rows, np.arange(len(profiles.names))
+    rows, order = pairing.rows, np.arange(len(profiles))
     if not pairing.times:
         order = np.argsort(rows, kind="stable")
         order = order[rows[order] >= 0]  # of profiles that have a pose
         rows = rows[order]
-    profiles = profiles.at(order)
-    check_one_profile_a_pose(folder, rows, profiles.names, layout)
-    labels = counted(len(rows)) if pairing.times else profiles.names
+    if not all(profiles.index):
+        profiles.index = counted(len(profiles))
+    profiles = profiles.iloc[order]
+    check_one_profile_a_pose(folder, rows, profiles.index, layout)
+    labels = counted(len(rows)) if pairing.times else [*profiles.index]
     entries = pose_entries(poses.at(rows), labels, taken)
     if tool is not None:
         entries = entries_of_flange(entries, poses, tool, layout)
@@ -67,20 +69,20 @@ def import_scan(
     return scan_of(folder, header | entries | measured(profiles, taken)), taken
 
 
-def measured(profiles: Profiles, taken: dict[str, str]) -> dict[str, Any]:
+def measured(profiles: Series, taken: dict[str, str]) -> dict[str, Any]:
     """Entries of a Scan: points, or profiles, of which a point alone is none."""
-    if max(map(len, profiles.points)) == 1:
-        return {"measured": "points", "values": tuple(profiles.points)}
-    values = [own if len(own) > 1 else own[:0] for own in profiles.points]
-    pairs = zip(profiles.names, values, strict=True)
-    if empty := listed(name for name, own in pairs if not len(own)):
-        taken["missing"] += f"; empty: {empty}"
+    counts = profiles.map(len)
+    if counts.max() == 1:
+        return {"measured": "points", "values": tuple(profiles)}
+    values = [own if len(own) > 1 else own[:0] for own in profiles]
+    if (counts < 2).any():
+        taken["missing"] += f"; empty: {listed(profiles.index[counts < 2])}"
     return {"measured": "profiles", "values": tuple(values)}
 
 
 def read_folder(
     folder: Path, layout: Layout, taken: dict[str, str]
-) -> tuple[Part, Profiles, list[Block]]:
+) -> tuple[Block, Series, list[Block]]:
     """The robot's poses, the profiles, and all that files hold. Raises ScanError."""
     families = families_in(folder, layout)
     poses_called, profiles_called = which_hold_what(folder, families, layout)
@@ -97,11 +99,11 @@ def read_folder(
     unused = every.keys() - of_poses.keys() - of_profiles.keys() - programs
     taken["files left out"] = listed(sorted(path.name for path in unused)) or "none"
     poses = robot_poses(of_poses, layout)
-    rows = len(poses.block.table)
+    rows = len(poses.table)
     is_one_table = of_poses is of_profiles and len(of_poses) == 1
     several = 0 if is_one_table else rows  # whose profiles may lie in one file
     profiles = read_profiles(of_profiles, several, layout, taken)
-    counts = [*map(len, profiles.points)]
+    counts = [*map(len, profiles)]
     if is_one_table and sum(counts) == rows:  # the pose of each profile's first row
         poses = poses.at(np.cumsum([0, *counts[:-1]]))
     return poses, profiles, beside
@@ -177,7 +179,7 @@ def which_hold_what(
     )
     parts = poses_in(first[pose], layout.pose_columns)
     parts += point_tables(first[profile], layout)
-    called = {part.name for part in parts}
+    called = {part.called for part in parts}
     if called and not any(layout.entry.lower() in name.lower() for name in called):
         known = f"the entries are {listed(sorted(called))}"
         raise ScanError(f"{folder}: no entry {layout.entry}; {known}")

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
-from pandas import to_numeric
+from pandas import Series, to_numeric
 
 from profilecal.scan.tables import ScanError, cell_number, listed
-from profilecal_tool.importing.blocks import Part
+from profilecal_tool.importing.blocks import Block
 from profilecal_tool.importing.makers import TIME_UNITS
 from profilecal_tool.importing.questions import Layout
 
@@ -38,7 +38,7 @@ class Pairing(NamedTuple):
 
 
 def pair_profiles(
-    poses: Part, names: list[str], moves: Iterable[str], layout: Layout
+    poses: Block, names: list[str], moves: Iterable[str], layout: Layout
 ) -> Pairing:
     """The pose of each profile, by its name, "" where it has none; `moves`: the poses'
     names as a program moves to them.
@@ -68,12 +68,12 @@ def pair_profiles(
 
 
 def paired_in_order(
-    poses: Part, driven: list[int], names: list[str], times: Times | None
+    poses: Block, driven: list[int], names: list[str], times: Times | None
 ) -> Pairing:
     """The poses as moves come to them, or as they are listed. Raises ScanError where
     there are not as many profiles, or where numbers of poses say another order.
     """
-    rows = np.array(driven or range(len(poses.block.table)))
+    rows = np.array(driven or range(len(poses.table)))
     if len(names) != len(rows):
         counts = f"{len(names)} profiles for {len(rows)} poses"
         sentence = f"{counts}, and no label or time that both have; add a column"
@@ -82,10 +82,10 @@ def paired_in_order(
             begin = f"the log begins at {times.log.min():.12g} s"
             hint += f" ({begin}, the profiles at {times.profiles.min():.12g})"
         raise ScanError(f"{poses.path}: {sentence}, {hint}")
-    for column in poses.block.having("label"):
-        numbers = to_numeric(poses.block.table[column.at], errors="coerce").dropna()
+    for column in poses.having("label"):
+        numbers = to_numeric(poses.table[column.at], errors="coerce").dropna()
         if not driven and not numbers.is_monotonic_increasing:
-            title = poses.block.title(column.at)
+            title = poses.title(column.at)
             sentence = f"{title} goes up and down, and profiles have no such number"
             raise ScanError(f"{poses.path}: {sentence}; sort the rows, or name files")
     return Pairing(rows, "in order of the moves" if driven else "in order")
@@ -98,10 +98,10 @@ class Match(NamedTuple):
     rows: ndarray  # (P,) -1: none
     how: str
     title: str
-    last: list[int]  # (L,) the last pose with the label of each
+    keys: Series  # of the poses
 
 
-def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
+def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
     """The pairing by the labels, and the names or numbers in them, that serve most
     poses, and more than half of them and of the profiles.
 
@@ -109,14 +109,15 @@ def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
     """
     matches = []
     for title, labels in poses.labels.items():
-        for is_whole, how, keys, wanted in ways_to_compare(labels, names):
-            row_of = {key: row for row, key in enumerate(keys)}
-            rows = np.array([row_of.get(one, -1) for one in wanted])
-            served = len({*rows} - {-1}) / len(row_of)
+        for is_whole, how, own, wanted in ways_to_compare(labels, names):
+            keys = Series(own, dtype=object)
+            places = keys.drop_duplicates(keep="last")
+            rows = Series(places.index, places).reindex(wanted).fillna(-1)
+            rows = rows.to_numpy(int)
+            served = len({*rows} - {-1}) / len(places)
             share = min((rows >= 0).mean(), served)
             if share > 0.5:
-                last = [row_of[key] for key in keys]
-                matches.append(Match((is_whole, share), rows, how, title, last))
+                matches.append(Match((is_whole, share), rows, how, title, keys))
     if not matches:
         return None
     best = max(matches, key=lambda match: match.rank)
@@ -127,19 +128,15 @@ def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
             sentence = f"which pose has {names[differs.argmax()]}: {' or '.join(ways)}?"
             hint = "Rename the profiles' files, or --pose-columns: _ for other columns"
             raise ScanError(f"{poses.path}: {sentence} {hint}")
-    check_none_is_twice(poses, names, best)
-    return Pairing(best.rows, f"by the {best.how}")
-
-
-def check_none_is_twice(poses: Part, names: list[str], match: Match) -> None:
-    """Raise ScanError where two poses have the label of a profile."""
-    for row, last in enumerate(match.last):
-        if row < last and last in match.rows:
-            one, other = poses.block.table.index[[row, last]]
-            profile = names[[*match.rows].index(last)]
-            sentence = f"two poses have the {match.title} of profile {profile}"
+    twice = best.keys.duplicated(keep=False)
+    for name, row in zip(names, best.rows, strict=True):
+        if row >= 0 and twice[row]:
+            same = best.keys == best.keys[row]
+            one, other = poses.table.index[same][:2]
+            sentence = f"two poses have the {best.title} of profile {name}"
             place = f"{poses.path} lines {one} and {other}"
             raise ScanError(f"{place}: {sentence}; leave one out")
+    return Pairing(best.rows, f"by the {best.how}")
 
 
 def ways_to_compare(
@@ -191,22 +188,22 @@ def time_said(text: str, unit_s: float) -> float:
     return value
 
 
-def times_of(poses: Part, names: list[str], layout: Layout) -> Times | None:
+def times_of(poses: Block, names: list[str], layout: Layout) -> Times | None:
     """The times of poses and profiles, if all have some, in the unit of the poses; in s
     if a user says them.
     """
-    columns = poses.block.having("time", "t")
+    columns = poses.having("time", "t")
     if not columns:
         return None
     unit_s = TIME_UNITS.get(columns[0].unit, 1.0)
     of_names = 1.0 if layout.times else unit_s
-    cells = poses.block.table[columns[0].at].astype(str)
+    cells = poses.table[columns[0].at].astype(str)
     log = np.array([time_said(cell, unit_s) for cell in cells])
     own = np.array([time_said(name, of_names) for name in names])
     return Times(log, own) if np.isfinite([*log, *own]).all() else None
 
 
-def paired_by_time(poses: Part, times: Times) -> Pairing | None:
+def paired_by_time(poses: Block, times: Times) -> Pairing | None:
     """The poses nearest in time, of a log only those where the robot stands still; or
     the log, where profiles were taken as the robot moved.
     """
@@ -223,7 +220,7 @@ def paired_by_time(poses: Part, times: Times) -> Pairing | None:
         return None
     still = np.full(len(nearest), True)
     for roles in ("xyz", poses.convention.columns):
-        values = poses.numbers(roles)[order]
+        values = poses.numbers_of(roles)[order]
         steps = np.abs(values[after] - values[after - 1]).max(axis=1)
         still &= steps < STILL * np.abs(values).max()
     if step <= A_MOMENT_S and still[is_near].mean() < 0.5:

@@ -17,7 +17,6 @@ from profilecal_tool.importing.blocks import (
     Block,
     Column,
     Files,
-    Part,
     counted,
     is_of_other,
     parts_called,
@@ -38,7 +37,7 @@ KINDS = "w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector; o,a,t; qw,qx,qy,q
 OF_ANGLES = {name for one in CONVENTIONS if one.sequence for name in one.columns}
 
 
-def poses_in(blocks: Iterable[Block], said: str) -> list[Part]:
+def poses_in(blocks: Iterable[Block], said: str) -> list[Block]:
     """The poses in the blocks of a file; `said`: titles from a user."""
     titles, found = said.split(","), []
     for block in blocks:
@@ -55,7 +54,7 @@ def poses_in(blocks: Iterable[Block], said: str) -> list[Part]:
     return found
 
 
-def robot_poses(files: Files, layout: Layout) -> Part:
+def robot_poses(files: Files, layout: Layout) -> Block:
     """The robot's poses in files. Raises ScanError; Question where it is uncertain."""
     parts = []
     for path, blocks in files.items():
@@ -64,26 +63,26 @@ def robot_poses(files: Files, layout: Layout) -> Part:
             raise question_on_file(path, blocks, layout.pose_columns)
         parts += parts_called(found, layout.entry, "flange", "is the robot's pose")
     first = parts[0]
-    is_asked_for = layout.entry and layout.entry.lower() in first.name.lower()
-    if is_of_other(first.name) and not is_asked_for:
-        sentence = f"poses are of {first.name}; are they the flange's?"
-        raise Question(f"{first.path}: {sentence}", entry=first.name)
-    called = f"{first.path.name} {first.name}".strip()
+    is_asked_for = layout.entry and layout.entry.lower() in first.called.lower()
+    if is_of_other(first.called) and not is_asked_for:
+        sentence = f"poses are of {first.called}; are they the flange's?"
+        raise Question(f"{first.path}: {sentence}", entry=first.called)
+    called = f"{first.path.name} {first.called}".strip()
     if any(word in called.lower() for word in WORDS["inverse"]):
         sentence = f"{called} is called as the inverse of a pose"
         raise ScanError(f"{first.path.parent}: {sentence}: invert it, or rename it")
-    titles = first.block.titles
+    titles = first.titles
     for part in parts:
-        if part.block.titles != titles:
-            found = listed(part.block.titles)
+        if part.titles != titles:
+            found = listed(part.titles)
             raise ScanError(f"{part.path}: columns {found}, where others differ")
-    table = pandas.concat([part.block.table for part in parts])
+    table = pandas.concat([part.table for part in parts])
     if len(files) > 1:
         name_of = dict(zip(files, names_of(files), strict=True))
-        labels = [name_of[own.path] for own in parts for _ in own.block.table.index]
+        labels = [name_of[own.path] for own in parts for _ in own.table.index]
         table[len(titles)] = labels
         titles = [*titles, "file"]
-    return replace(first, block=replace(first.block, table=table, titles=titles))
+    return replace(first, table=table, titles=titles)
 
 
 def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
@@ -126,44 +125,44 @@ def question_on_columns(
     return Question(sentence, pose_columns=",".join(titles))
 
 
-def length_of(poses: Part) -> tuple[float, str]:
+def length_of(poses: Block) -> tuple[float, str]:
     """The unit of positions, mm, and its name."""
-    farthest = np.linalg.norm(poses.numbers("xyz"), axis=1).max()
+    farthest = np.linalg.norm(poses.numbers_of("xyz"), axis=1).max()
     usual = "m" if farthest < FARTHEST_M else "mm"
-    if poses.block.robot:
-        usual = ROBOTS[poses.block.robot].unit
+    if poses.robot:
+        usual = ROBOTS[poses.robot].unit
     return scale_of(poses.path, poses.units("xyz"), usual, LENGTH_UNITS)
 
 
-def angle_of(poses: Part) -> tuple[float, str]:
+def angle_of(poses: Block) -> tuple[float, str]:
     """The unit of angles, in that of their convention, and its name.
 
     Raises Question where it may be another.
     """
-    turn, robot = poses.convention, ROBOTS.get(poses.block.robot)
+    turn, robot = poses.convention, ROBOTS.get(poses.robot)
     if turn.name in ("quaternion", "matrix"):
         return 1.0, ""
     usual, units = "deg" if turn.sequence else "rad", poses.units(turn.columns)
     if robot:
         units = {robot.angle} - {""}
     elif doubt := doubt_of_angles(poses, units):
-        columns = [*poses.block.columns]
+        columns = [*poses.columns]
         if not turn.sequence:  # most often they are no vector
-            for role, column in zip("xyzwpr", poses.columns.values(), strict=True):
+            for role, column in zip("xyzwpr", poses.chosen.values(), strict=True):
                 columns[column.at] = column._replace(name=role, role=role)
-        raise question_on_columns(poses.block, doubt, columns)
+        raise question_on_columns(poses, doubt, columns)
     scale, unit = scale_of(poses.path, units, usual, ANGLE_UNITS)
     return scale / ANGLE_UNITS[usual], f", {unit}"
 
 
-def doubt_of_angles(poses: Part, units: set[str]) -> str:
+def doubt_of_angles(poses: Block, units: set[str]) -> str:
     """What speaks against angles in degrees, or a vector in radians; "" for nothing."""
     is_vector = not poses.convention.sequence
     if is_vector and units - {"rad"}:
         return f"are they a vector in {listed(units)}? (then convert it to rad)"
     if units:
         return ""
-    numbers = poses.numbers(poses.convention.columns)
+    numbers = poses.numbers_of(poses.convention.columns)
     largest = np.abs(numbers).max()
     is_too_large = np.linalg.norm(numbers, axis=1).max() > np.pi
     is_odd = is_too_large if is_vector else largest <= 2 * np.pi
@@ -171,26 +170,26 @@ def doubt_of_angles(poses: Part, units: set[str]) -> str:
 
 
 def pose_entries(
-    poses: Part, labels: list[str], taken: dict[str, str]
+    poses: Block, labels: list[str], taken: dict[str, str]
 ) -> dict[str, Any]:
     """Entries of a Scan; what was taken for granted goes to `taken`.
 
     Raises ScanError.
     """
-    turn, positions = poses.convention, poses.numbers(XYZ)
+    turn, positions = poses.convention, poses.numbers_of(XYZ)
     length, unit = length_of(poses)
     angle, of_angle = angle_of(poses)
-    angles = poses.numbers(turn.columns) * angle
+    angles = poses.numbers_of(turn.columns) * angle
     numbers = np.hstack([positions, angles])
-    columns = dict(zip(poses.columns, numbers.T, strict=True))
-    own = poses.block.poses.values()
-    others = listed(one.name for one in own if one.name != poses.name)
+    columns = dict(zip(poses.chosen, numbers.T, strict=True))
+    own = poses.poses.values()
+    others = listed(one.called for one in own if one.called != poses.called)
     beside = f", not {others}" if others else ""
-    name = "poses" if poses.name in ("", "pose") else poses.name
+    name = "poses" if poses.called in ("", "pose") else poses.called
     words = f"{len(labels)} {name}{beside} in {unit}{of_angle}"
     ends = np.sort(positions, axis=0)[[0, -1]]
     low, high = (ends * length).round(1).tolist()
     taken["poses"] = f"{poses.path.name}: {words}: {low} to {high} mm"
-    taken["pose_columns"] = f"{', '.join(poses.columns)}: {turn.meaning}"
-    table = Table(poses.path, {"pose": labels} | columns, poses.block.table.index)
+    taken["pose_columns"] = f"{', '.join(poses.chosen)}: {turn.meaning}"
+    table = Table(poses.path, {"pose": labels} | columns, poses.table.index)
     return check_poses(table, length)

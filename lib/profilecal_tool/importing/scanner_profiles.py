@@ -3,11 +3,11 @@
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pandas
 from numpy import ndarray
+from pandas import Series
 
 from profilecal.scan.scan import FARTHEST_MM
 from profilecal.scan.tables import ScanError, cell_number, listed
@@ -16,9 +16,7 @@ from profilecal_tool.importing.blocks import (
     Block,
     Column,
     Files,
-    Part,
     column_titled,
-    counted,
     label_of,
     parts_called,
 )
@@ -33,18 +31,6 @@ X_ABOVE = (
     r"x[ _-]?(?:start|offset|origin)[^-+.\d\n]*([-+]?\d+(?:[.,]\d+)?)",
     r"x[ _-]?(?:pitch|resolution|interval|step)[^-+.\d\n]*([-+]?\d+(?:[.,]\d+)?)",
 )
-
-
-class Profiles(NamedTuple):
-    """The profiles in files."""
-
-    names: list[str]  # "" for those without
-    points: list[ndarray]  # of each (n, 2), mm; NaN where nothing was seen
-
-    def at(self, order: ndarray) -> "Profiles":
-        """Some of them in an order; those without a name are numbered."""
-        names = self.names if all(self.names) else counted(len(self.names))
-        return Profiles([names[k] for k in order], [self.points[k] for k in order])
 
 
 def with_a_point_a_row(block: Block, layout: Layout) -> Block:
@@ -92,7 +78,7 @@ def places_of(
     return start + pitch * np.arange(len(z))
 
 
-def points_in(block: Block, said: str) -> Part | None:
+def points_in(block: Block, said: str) -> Block | None:
     """The points of a block, by the columns that a user says, or else by titles.
 
     Raises Question.
@@ -112,7 +98,7 @@ def points_in(block: Block, said: str) -> Part | None:
     if x.at == z.at:
         raise ScanError(f"--columns {said}: x and z are one column")
     name = block.name or x.owner or ",".join(block.titles[:4])
-    return Part(block, name, {"x": x, "z": z})
+    return replace(block, called=name, chosen={"x": x, "z": z})
 
 
 def columns_called(block: Block, said: str) -> list[Column]:
@@ -126,7 +112,7 @@ def columns_called(block: Block, said: str) -> list[Column]:
     return [one._replace(unit=unit or one.unit) for one, unit in found if one]
 
 
-def point_tables(blocks: list[Block], layout: Layout) -> list[Part]:
+def point_tables(blocks: list[Block], layout: Layout) -> list[Block]:
     """The tables of points in a file that are called alike, of more than a row if there
     are such; none where the largest table is none of points. Raises Question.
     """
@@ -136,14 +122,15 @@ def point_tables(blocks: list[Block], layout: Layout) -> list[Part]:
         return []
     found = [points for b in blocks if (points := points_in(b, layout.columns))]
     if not layout.entry:
-        found = [part for part in found if len(part.block.table) > 1] or found
+        found = [part for part in found if len(part.table) > 1] or found
     return parts_called(found, layout.entry, "profile", "is the profile")
 
 
 def read_profiles(
     files: Files, expected: int, layout: Layout, taken: dict[str, str]
-) -> Profiles:
-    """The profiles in files: one in each, or in one file as many as are expected.
+) -> Series:
+    """The points (n, 2) mm of each profile, NaN where nothing was seen, under its name,
+    "" if it has none: one in each file, or in one file as many as are expected.
 
     Raises ScanError.
     """
@@ -154,13 +141,13 @@ def read_profiles(
         tables = point_tables(blocks, layout)
         if not tables and any(len(block.table) > 1 for block in blocks):
             raise question_on_points(blocks, layout.columns)
-        if len(tables) > 1 and tables[0].block.is_bare and not is_alone:
+        if len(tables) > 1 and tables[0].is_bare and not is_alone:
             sentence = f"{len(tables)} tables of points; expected one"
             raise ScanError(f"{path}: {sentence}: give titles, or no blank lines")
         rows = []
         for points in tables:
             in_it = expected if len(tables) == 1 or expected == 1 else 0
-            profile, own = profile_of_each_row(points.block, in_it)
+            profile, own = profile_of_each_row(points, in_it)
             check_one_section(points, profile, layout)
             each = np.bincount(profile)
             names += own or [""] * len(each)
@@ -170,13 +157,13 @@ def read_profiles(
     if not parts:
         where = f" where {layout.where}" if layout.where else ""
         raise ScanError(f"{path}: no profiles in it{where}")
-    block, columns = parts[0].block, parts[0].columns.values()
+    block, columns = parts[0], parts[0].chosen.values()
     taken["columns"] = ",".join(block.title(column.at) for column in columns)
-    xz = np.concatenate([part.numbers("xz", blank=True) for part in parts])
+    xz = np.concatenate([part.numbers_of("xz", blank=True) for part in parts])
     units = {unit for part in parts for unit in part.units("xz")}
     points = in_mm(path, xz, units, layout, taken)
     values = np.split(points, np.cumsum(counts)[:-1])
-    return Profiles(names if is_alone else names_of(files), values)
+    return Series(values, names if is_alone else names_of(files))
 
 
 def profile_of_each_row(block: Block, expected: int) -> tuple[ndarray, list[str]]:
@@ -201,11 +188,11 @@ def profile_of_each_row(block: Block, expected: int) -> tuple[ndarray, list[str]
     return np.arange(rows) // each, []
 
 
-def check_one_section(points: Part, profile: ndarray, layout: Layout) -> None:
+def check_one_section(block: Block, profile: ndarray, layout: Layout) -> None:
     """Raise Question where rows of a profile are of several scanners or sections, or
     lie along y.
     """
-    block, (x, z) = points.block, points.columns.values()
+    x, z = block.chosen.values()
     for column in block.having("y", "sensor", "label"):
         is_y, is_label = column.role == "y", column.role == "label"
         cells = block.table[column.at]

@@ -57,16 +57,21 @@ def runs_of_lines(
 
 
 def row_where_numbers_begin(rows: list[list[str]], decimal: str) -> int | None:
-    """The first row of numbers: it has several, or more of them than of words, and no
-    word of it stands above a number, as titles do.
+    """The row behind the last of words, None where all are: numbers are several, or
+    more than words, or as many as nothing; no word of theirs stands above a number.
     """
     values = [[cell_number(c.replace(decimal, ".")) for c in row] for row in rows]
+    begin = None
     for k, own in enumerate(values):
         words, numbers = np.isinf(own), np.isfinite(own)
         is_title = k + 1 < len(values) and (words & np.isfinite(values[k + 1])).any()
         if not is_title and numbers.sum() > min(words.sum(), 1):
-            return k
-    return None
+            return k if begin is None else begin
+        if words.any() or not any(rows[k]):
+            begin = None
+        elif begin is None:
+            begin = k
+    return begin
 
 
 def titles_in(rows: list[list[str]]) -> list[str]:

@@ -9,7 +9,7 @@ from pandas import DataFrame
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import named, to_rotations
 from profilecal.scan.tables import listed, naming
-from profilecal_tool.importing.blocks import XYZ, Block, Part, label_of
+from profilecal_tool.importing.blocks import XYZ, Block, label_of
 from profilecal_tool.importing.makers import ROBOTS, WORDS
 from profilecal_tool.importing.questions import Layout, Question
 from profilecal_tool.importing.robot_poses import angle_of, length_of
@@ -18,20 +18,20 @@ TO_FILL_IN = ("X", "Y", "Z", "A", "B", "C")  # an answer that nobody can guess
 
 
 def said_in_program(
-    poses: Part, beside: Iterable[Block], kind: str
+    poses: Block, beside: Iterable[Block], kind: str
 ) -> list[dict[str, str]]:
     """What lines of a kind say in programs of the poses' maker, in any file."""
     rows = []
     for block in beside:
-        if (block.robot, block.kind) == (poses.block.robot, kind):
+        if (block.robot, block.kind) == (poses.robot, kind):
             table = block.table.set_axis(block.titles, axis=1)
             rows += table.astype(object).fillna("").to_dict("records")
     return rows
 
 
 def of_one_frame(
-    poses: Part, beside: Iterable[Block], which: str, layout: Layout
-) -> tuple[Part, str]:
+    poses: Block, beside: Iterable[Block], which: str, layout: Layout
+) -> tuple[Block, str]:
     """The poses that have one tool or base, as programs and columns say, and its name,
     "" if none is known.
 
@@ -39,8 +39,8 @@ def of_one_frame(
     """
     rows = said_in_program(poses, beside, "uses")
     uses = [(row.get("name", ""), row.get(which, "")) for row in rows]
-    for column in poses.block.having(which):
-        uses += [("", label_of(cell)) for cell in poses.block.table[column.at]]
+    for column in poses.having(which):
+        uses += [("", label_of(cell)) for cell in poses.table[column.at]]
     uses = [(name, used.lower().partition("[")[0]) for name, used in uses if used]
     option, _, said = layout.where.lower().partition("=")
     if option == which:
@@ -50,7 +50,7 @@ def of_one_frame(
         return poses.at(rows) if labels else poses, said
     used = [name for _, name in uses]
     names = [*dict.fromkeys(used)]
-    if not poses.block.robot:  # a program's first is what the first move has
+    if not poses.robot:  # a program's first is what the first move has
         names.sort(key=lambda name: name not in WORDS["no_frame"])
     if len(names) > 1:
         sentence = f"moves have {which}s {listed(names)}; of which are the poses?"
@@ -60,8 +60,8 @@ def of_one_frame(
 
 
 def of_one_tool(
-    poses: Part, beside: list[Block], layout: Layout, taken: dict[str, str]
-) -> tuple[Part, Sequence[float] | None]:
+    poses: Block, beside: list[Block], layout: Layout, taken: dict[str, str]
+) -> tuple[Block, Sequence[float] | None]:
     """The poses of one tool, and its position and angles as they stand; None if it is
     the flange. Raises Question.
     """
@@ -81,17 +81,17 @@ def of_one_tool(
 
 
 def frame_of_tool(
-    poses: Part, beside: Iterable[Block], used: str
+    poses: Block, beside: Iterable[Block], used: str
 ) -> Sequence[float] | None:
     """The frame of the tool that poses have, as files say it, in the convention of the
     poses; None where there are no tools. Raises Question.
     """
-    maker = ROBOTS.get(poses.block.robot)
+    maker = ROBOTS.get(poses.robot)
     kind = maker.tools_in if maker and used else "tool"
     rows = said_in_program(poses, beside, kind)
     columns = [*XYZ, *poses.convention.columns]
-    if offset := poses.block.poses.get("tcp_offset"):
-        table = DataFrame(offset.numbers(columns), columns=columns)
+    if offset := poses.poses.get("tcp_offset"):
+        table = DataFrame(offset.numbers_of(columns), columns=columns)
         rows = table.to_dict("records")
     frames, declared = set(), set()
     with naming(f"{poses.path}: tool"):
@@ -119,7 +119,7 @@ def frame_of_tool(
 
 
 def entries_of_flange(
-    entries: dict[str, Any], poses: Part, tool: Sequence[float], layout: Layout
+    entries: dict[str, Any], poses: Block, tool: Sequence[float], layout: Layout
 ) -> dict[str, Any]:
     """Entries of a Scan with the flange's poses in place of the tool's (3 + k,)."""
     turn, (angle, _) = poses.convention, angle_of(poses)
