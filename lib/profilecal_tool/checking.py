@@ -11,7 +11,6 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.observability import LEAST_TURN_DEG, name_axis, turns
 from profilecal.joint.problem import Problem
 from profilecal.joint.smooth import shifting
-from profilecal.joint.solve import check_enough
 from profilecal.scan.scan import Scan
 from profilecal.targets.observations import Observations
 
@@ -38,7 +37,7 @@ def check(scan: Scan) -> list[str]:
         lines += lines_on_motion(scan, observed)
     remarks = [*seen.remarks, *doubts(scan)]
     try:
-        check_enough(Problem([observed], Noise(1.0)))
+        Problem([observed], Noise(1.0)).check_enough()
     except UnobservableError as error:
         remarks.insert(0, str(error))
     return [*lines, *(f"note           {remark}" for remark in remarks)]

@@ -22,7 +22,6 @@ from profilecal.geometry.observability import (
 from profilecal.geometry.poses import homogeneous, inverse, pose_error
 from profilecal.joint.prior import Mount
 from profilecal.joint.solution import Solution
-from profilecal.joint.solve import frame_of
 
 # By what the profiles' x and z may be: half a turn of the sensor that looks the same;
 # y, which no profile shows, turns along.
@@ -43,7 +42,7 @@ def shown_by(solution: Solution) -> tuple[ndarray, Spectrum]:
     """
     model, _ = solution.model()
     model.of_mount = 0.0  # the model was made for this alone
-    posterior = model.posterior(solution.error_sizes.v[None])
+    posterior = model.posterior(solution.error_sizes.median_v[None])
     covariance = posterior.covariance[0, :6, :6]
     return posterior.mean[0, :6], of_covariance(covariance)
 
@@ -101,7 +100,7 @@ def contradiction(solution: Solution, mount: Mount) -> str:
 def rests_on(solution: Solution, mount: Mount) -> list[str]:
     """Sentences on the directions of which the mount says more than the scan."""
     _, shown = shown_by(solution)
-    frame = frame_of(solution.problem)
+    frame = solution.problem.frame
     by_mount = shown.directions**2 @ (HAND_PRECISION / mount.sd) ** 2
     sentences = []
     for direction in shown.directions[by_mount * shown.sd**2 > 1]:

@@ -22,9 +22,9 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.observability import brief
 from profilecal.geometry.poses import inverse
 from profilecal.joint.descent import robustly, search, search_among_outliers, thin
+from profilecal.joint.first_fit import LARGEST_ERROR_MM
 from profilecal.joint.prior import FINEST_MM
 from profilecal.joint.problem import Problem
-from profilecal.joint.solve import LARGEST_ERROR_MM
 from profilecal.scan.conventions import CONVENTIONS, from_rotations, named
 from profilecal.scan.scan import MOUNTS, Scan
 from profilecal.targets.observations import Observations

@@ -17,9 +17,10 @@ from scipy.special import ndtri
 from profilecal.calibration.evidence import evidence
 from profilecal.geometry.noise import FALSE_ALARM, normalised_square
 from profilecal.geometry.observability import WEAK, brief, of_covariance
+from profilecal.joint.first_fit import LARGEST_ERROR_MM
 from profilecal.joint.prior import OF_SCANNER, Perturbation, of_target
+from profilecal.joint.rejection import LARGEST_REJECTED
 from profilecal.joint.solution import Solution
-from profilecal.joint.solve import LARGEST_ERROR_MM, LARGEST_REJECTED
 
 # standard deviations that an error moves a pose by, or times what the stated noise
 # explains: no more "ok"
@@ -167,7 +168,7 @@ def poor_errors(solution: Solution) -> dict[Perturbation, float]:
     """The errors that the answer considers, each with the chance that it is far larger
     than usual, which the answer allows for.
     """
-    poor = solution.error_sizes.poor[solution.problem.systematics]
+    poor = solution.error_sizes.poor[solution.problem.considered_columns]
     return dict(zip(solution.problem.considered, poor, strict=True))
 
 

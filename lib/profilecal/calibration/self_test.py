@@ -210,10 +210,10 @@ def simulated(
     problem = solution.problem
     noise = solution.noise.of_sizes(solution.error_sizes.of_robot)
     # of each profile, steps along all columns
-    steps = np.zeros((len(problem.counts), problem.systematics.stop + 7))
+    steps = np.zeros((len(problem.counts), problem.considered_columns.stop + 7))
     # the clock is as the answer has it; single times are drawn below as jitter
     sizes = [0.0 if error.clock else size for error, size in problem.considered.items()]
-    steps[:, problem.systematics] = sizes * rng.normal(size=len(sizes))
+    steps[:, problem.considered_columns] = sizes * rng.normal(size=len(sizes))
     for name, size in noise.of_robot.items():
         shared = problem.groups.sharing(name)
         errors = rng.normal(size=(shared.max() + 1, 6))[shared]

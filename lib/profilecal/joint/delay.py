@@ -13,7 +13,6 @@ no harm; the second shifts the sensor. Whether the sensor is known tells which.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy import ndarray
 from scipy.optimize import minimize_scalar
 
 from profilecal.geometry.log import DELAY_S
@@ -28,6 +27,7 @@ from profilecal.geometry.observability import (
 )
 from profilecal.joint.descent import ROUGHLY, refine, search, thin
 from profilecal.joint.problem import Problem
+from profilecal.joint.solution import Solution
 from profilecal.targets.observations import State
 
 TRIED = np.linspace(-DELAY_S, DELAY_S, 9)  # s
@@ -67,23 +67,25 @@ def roughly(problem: Problem, starts: Sequence = ()) -> float:
     return found.x
 
 
-def verdict(
-    covariance: ndarray, clock: int, known: Spectrum, R_sensor: ndarray, frame: str
-) -> tuple[str, Spectrum, list[str]]:
-    """What becomes of a sensor pose, of which so much is `known`, by a delay, which is
-    column `clock` of the `covariance` (n + c, n + c) of all unknowns: its status; how
-    well it would be known if the delay were; and what a person should know, and do.
+def verdict(solution: Solution) -> tuple[str, Spectrum, list[str]]:
+    """What becomes of a sensor pose by a delay that is known no better, if anything was
+    seen in motion: its status; how well it would be known if the delay were; and what a
+    person should know, and do.
 
     With the covariance c of pose and delay, which has the variance s², a known delay
     leaves the pose's covariance C - c cᵀ / s². By c / s a standard deviation of the
     delay moves the pose; it does harm where that is more than is known of the pose
-    otherwise. Then an open delay allows no "ok", however slow the motion.
+    otherwise. An open delay then makes "ok" "weak", and "weak" "unobservable", however
+    slow the motion.
     """
-    sd_s = float(np.sqrt(covariance[clock, clock]))
-    moves = covariance[:6, clock] / sd_s
+    status, known = solution.status, solution.observability
+    clock = solution.problem.clock
+    if clock is None:
+        return status, known, []
+    sd_s = solution.delay_sd_s
+    moves = solution.error_sizes.covariance[:6, clock] / sd_s
     C = known.covariance - np.outer(moves, moves)
     others = of_covariance(C, known.rank, known.parameters)
-    status = str(known.status)
     is_open = sd_s > DELAY_S / 2
     harms = normalised_square(others.covariance, moves) > 1
     to_blame = others.sd[0] < WEAK <= known.sd[0] or others.sd[0] < 1 <= known.sd[0]
@@ -98,7 +100,7 @@ def verdict(
         return status, known, []
     in_units = moves / HAND_PRECISION
     direction = in_units / np.linalg.norm(in_units)
-    what = name_direction(direction, R_sensor, frame)
+    what = name_direction(direction, solution.rotation, solution.problem.frame)
     size = size_direction(float(np.linalg.norm(in_units)), direction)
     sentence = (
         f"{what} is known only to {size}, because the motions leave {delay} open: "

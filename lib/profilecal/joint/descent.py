@@ -112,7 +112,7 @@ def search(problem: Problem, starts: Sequence = ()) -> State:
         for _ in range(2):
             fits = onward(few, state, steps=8)
             state = fits.state
-            agreeing = np.count_nonzero(alike(state)[0])
+            agreeing = np.count_nonzero(are_one(state)[0])
             if fits.loss[0] < HOPELESS * count and agreeing >= 5:
                 limit = HOPELESS * max(fits.loss[0], count)
                 return distinct(state[fits.loss < limit])
@@ -210,11 +210,11 @@ def distinct(state: State, count: int = KEPT) -> State:
     """At most `count` sensor poses of a batch, in order, without those that repeat an
     earlier one.
     """
-    repeats = np.tril(alike(state), -1).any(axis=1)
+    repeats = np.tril(are_one(state), -1).any(axis=1)
     return state[~repeats][:count]
 
 
-def alike(state: State) -> ndarray:
+def are_one(state: State) -> ndarray:
     """Which two sensor poses of a batch are one, (B, B)."""
     same = 0.02  # rad, and hundreds of mm: nearer sensor poses are one
     turn = angle_between(state.rotation[:, None], state.rotation)

@@ -11,7 +11,7 @@ them, and its region is one that holds over all of them.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
 
@@ -55,15 +55,15 @@ class Size:
 @dataclass(frozen=True)
 class ErrorSizes:
     """The sizes of all errors, and what is known of x (n,) if they are not known any
-    better.
+    better. χ² is looked at with the medians, covariances count with the means.
     """
 
     sizes: tuple[Size, ...]
-    v: ndarray  # (1 + k,) the variances in their middle
+    median_v: ndarray  # (1 + k,) of the variances
+    mean_v: ndarray  # (1 + k,) of the variances
     mean: ndarray  # (n,)
     covariance: ndarray  # (n, n), enlarged, with bends
     enlarged: float  # by this factor, for its region to hold over all sizes
-    mean_v: ndarray  # (1 + k,) the variances' mean
     # degrees of freedom, at most 1000, with which all errors together are known, 100 mm
     # from the flange
     freedom: float
@@ -74,6 +74,11 @@ class ErrorSizes:
         """The robot's, roots of the variances' mean, by name."""
         names = [size.name for size in self.sizes[1:]]
         return dict(zip(names, np.sqrt(self.mean_v[1:]).tolist(), strict=True))
+
+    def enlarged_by(self, factor: float) -> "ErrorSizes":
+        """The same with a covariance so many times as large."""
+        covariance, enlarged = factor * self.covariance, factor * self.enlarged
+        return replace(self, covariance=covariance, enlarged=enlarged)
 
 
 @dataclass(frozen=True)
@@ -111,11 +116,13 @@ def likeliest(model: LinearModel, law: Law, y: ndarray | None = None) -> Likelie
     changes a coordinate by more than 1.5.
     """
     if y is None:
-        some = np.outer(START_SIZES, law.free > 0)
+        is_robot = law.free > 0  # number 0 is the scanner's noise
+        some = np.outer(START_SIZES, is_robot)
         heights = log_density(model.posterior(law.variances(some)), some)
         y = some[np.argmax(heights)]
 
     def look(y: ndarray) -> tuple[float, ndarray, Posterior]:
+        """h and what follows there, and variances (3, d) before, there and after."""
         around = law.variances(y + STEP * np.array([[-1], [0], [1]]))
         posterior = model.posterior(around[[1]])
         return log_density(posterior, y[None])[0], around[:, law.free], posterior
@@ -249,16 +256,14 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     w = softmax(draws.log_weight)
     mean = w @ draws.x
     off = draws.x - mean
-    covariance = np.tensordot(w, draws.covariance, 1) + off.T * w @ off
-    of_pose = off[:, :6]
-    of_pose = of_pose[:, :, None] * of_pose[:, None]
-    squared_errors = draws.covariance[:, :6, :6] + of_pose
-    enlarged = growth(squared_errors, w)
+    squared_errors = draws.covariance + off[:, :, None] * off[:, None]
+    covariance = np.tensordot(w, squared_errors, 1)
+    enlarged = growth(squared_errors[:, :6, :6], w)
 
     names = ("profile_mm", *model.names)
     units = np.r_[prior.scales.profile_mm, np.ones(len(model.names))]
     sizes = sizes_of(beliefs, names, units)
-    middles = np.array([size.middle for size in sizes]) / units
+    medians = np.array([size.middle for size in sizes]) / units
     sizes_mm = units * [*map(in_mm, names)]
     sizes_mm *= np.not_equal(names, SMOOTH)  # they are no fresh errors
     together = draws.v @ sizes_mm**2
@@ -267,11 +272,11 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     relative = w @ (together / (w @ together) - 1) ** 2
     return ErrorSizes(
         sizes=sizes,
-        v=middles**2,
+        median_v=medians**2,
+        mean_v=mean_v,
         mean=mean,
         covariance=enlarged * covariance + model.by_bends(mean_v),
         enlarged=enlarged,
-        mean_v=mean_v,
         freedom=float(2 / max(relative, 2e-3)),
         poor=w @ draws.poor,
     )
@@ -299,7 +304,8 @@ def sizes_of(
 
     sizes = []
     columns = np.concatenate(believed).T
-    for name, values, wide in zip(names, columns, spreads[0], strict=True):
+    usual = spreads[0]  # of the first belief
+    for name, values, wide in zip(names, columns, usual, strict=True):
         order = np.argsort(values)
         below = np.cumsum(share[order]) - share[order] / 2
         ends = np.interp([0.025, 0.5, 0.975], below, values[order])
@@ -316,10 +322,12 @@ def of_scanners(model: LinearModel, law: Law, likely: Likeliest) -> Belief:
     The draws are those of the likeliest belief. They do for the others: how much the
     data favour a poor scanner hardly hangs on the sizes.
     """
-    errors = np.eye(model.n)[model.scanner]
-    whole = errors.sum(axis=0, keepdims=True)
-    all_poor = whole if len(errors) > 1 else whole[:0]
-    poor = np.concatenate([0 * whole, errors, all_poor])
+    one_poor = np.eye(model.n)[model.may_be_poor]
+    all_poor = one_poor.sum(axis=0, keepdims=True)
+    beliefs = [0 * all_poor, one_poor]
+    if len(one_poor) > 1:
+        beliefs.append(all_poor)
+    poor = np.concatenate(beliefs)  # (B, n) 1 where an error is POORER times the usual
     log_odds = np.log(np.where(poor.any(axis=1), POOR, 1.0))
     at_peak = log_odds + model.rescaled(likely.posterior, POORER**poor)[0][:, 0]
     best = poor[np.argmax(at_peak)]
@@ -327,16 +335,17 @@ def of_scanners(model: LinearModel, law: Law, likely: Likeliest) -> Belief:
         model = model.with_errors(POORER**best)
         likely = likeliest(model, law, likely.y)
     counts = at_peak > at_peak.max() + np.log(LITTLE)
-    # the evidence leaves out log |Π|: the larger errors' share of it
-    poor, log_odds = poor[counts], log_odds[counts] - np.log(POORER) * best.sum()
+    poor, log_odds = poor[counts], log_odds[counts]
+    # the evidence leaves out log |Π| / 2, which larger errors lower
+    log_odds = log_odds - np.log(POORER) * best.sum()
     log_weight, y, posterior = draw(model, law, likely)
     gain, x, V = model.rescaled(posterior, POORER ** (poor - best))
     weighed = Weighed(
-        (log_weight + gain + log_odds[:, None]).ravel(),
-        x.reshape(-1, model.n),
-        V.reshape(-1, model.n, model.n),
-        np.tile(posterior.v, (len(poor), 1)),
-        poor.repeat(len(y), axis=0),
+        log_weight=(log_weight + gain + log_odds[:, None]).ravel(),
+        x=x.reshape(-1, model.n),
+        covariance=V.reshape(-1, model.n, model.n),
+        v=np.tile(posterior.v, (len(poor), 1)),
+        poor=poor.repeat(len(y), axis=0),
     )
     return Belief(law, y, weighed)
 
@@ -361,11 +370,11 @@ def of_robots(
             continue
         log_weight, y, posterior = draw(other, law, own)
         weighed = Weighed(
-            log_weight + np.log(odds),
-            posterior.mean,
-            posterior.covariance,
-            posterior.v,
-            np.zeros_like(posterior.mean),
+            log_weight=log_weight + np.log(odds),
+            x=posterior.mean,
+            covariance=posterior.covariance,
+            v=posterior.v,
+            poor=np.zeros_like(posterior.mean),
         )
         yield Belief(law, y, weighed)
 

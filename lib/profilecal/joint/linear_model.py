@@ -252,7 +252,7 @@ class LinearModel:
         precision: ndarray,
         clock: int | None = None,
         of_mount: ndarray | float = 0.0,
-        scanner: slice = slice(0),
+        may_be_poor: slice = slice(0),
         smooth: SmoothErrors | None = None,
     ) -> None:
         """Of each profile, over the scanner's noise, with zeros where no residual is:
@@ -263,7 +263,7 @@ class LinearModel:
         derivative by the time of a profile, if any has one: its jitter acts along it,
         as errors of the flange along E's other columns. `of_mount`, normal equations
         (n + 1, n + 1): what is known of the sensor pose, beside the residuals.
-        `scanner`: the columns of its and the targets' systematic errors.
+        `may_be_poor`: the columns of the scanner's and the targets' systematic errors.
 
         An orthogonal change of a profile's K rows leaves the scanner's noise as it is.
         With the singular values s of the derivatives by the flange, F = U s Wᵀ, errors
@@ -274,7 +274,7 @@ class LinearModel:
         """
         self.precision = precision
         self.of_mount = of_mount
-        self.scanner = scanner
+        self.may_be_poor = may_be_poor
         self.n = len(precision)
         self.counts = counts
         self.names = tuple(names)
@@ -436,12 +436,13 @@ class LinearModel:
             V' = V + V G V        x̂' = x̂ + V G x̂
             L' = L + (x̂ᵀ G x̂ - log |1 - V D| + log |Π - D| - log |Π|) / 2
         """
-        s = self.scanner
-        times = times[:, s]
-        D = (np.diag(self.precision)[s] * (1 - times**-2.0))[:, None, :, None]
+        poor = self.may_be_poor
+        times = times[:, poor]
+        D = np.diag(self.precision)[poor] * (1 - times**-2.0)
+        D = D[:, None, :, None]
         x, V = posterior.mean, posterior.covariance
-        x_s, V_s = x[:, s, None], V[:, :, s]
-        A = np.eye(D.shape[2]) - V_s[:, s] * D.mT
+        x_s, V_s = x[:, poor, None], V[:, :, poor]
+        A = np.eye(D.shape[2]) - V_s[:, poor] * D.mT
         G = D * np.linalg.inv(A)
         Gx = G @ x_s
         gain = (x_s * Gx).sum(axis=(2, 3)) - np.linalg.slogdet(A)[1]

@@ -99,7 +99,9 @@ class Prior:
     scales: Noise
     stated: frozenset[str] = frozenset()  # by the user; the other scales are usual ones
     source: str = "given"  # of the scanner's noise, one of SPREADS
-    robot_known: bool = False  # the robot's errors are as large as their scales
+    # the robot's errors are as large as their scales, but for smooth ones, of which
+    # only stated ones are
+    robot_known: bool = False
     systematic: Systematic = Systematic()  # noqa: RUF009
     mount: Mount | None = None
 
@@ -113,14 +115,16 @@ class Prior:
         """About how large residuals are if all errors are as large as expected, 100 mm
         from the flange.
         """
-        sizes = [self.scales.profile_mm * (self.source != "residuals")]
+        sizes = [] if self.source == "residuals" else [self.scales.profile_mm]
         for name, size in self.scales.of_robot.items():
             sizes.append(size * in_mm(name))
         return float(np.linalg.norm(sizes))
 
     @property
     def without_robot(self) -> "Prior":
-        """The same with no errors but the scanner's noise and smooth ones."""
+        """The same with no errors but the scanner's noise and smooth ones: systematic
+        errors are left out, too.
+        """
         exact = replace(self.scales, **dict.fromkeys((*ROBOT, "jitter_ms"), 0.0))
         none = Systematic()
         stated = self.stated - {SMOOTH}  # their sizes are not known
@@ -136,15 +140,17 @@ class Prior:
         """The law of the size of the scanner's noise, over its scale, and of the sizes
         of the robot's errors of these names.
         """
-        scales, spreads = [1.0], [self.profile_spread]
-        for name in names:
-            freedom = STATED_FREEDOM if name in self.stated else FREEDOM
-            scales.append(getattr(self.scales, name))
-            known = self.robot_known and (name != SMOOTH or name in self.stated)
-            spread = SMOOTH_SPREAD if name == SMOOTH else freedom
-            spreads.append(0.0 if known else spread)
-        by_factors = np.isin(["profile_mm", *names], ["profile_mm", SMOOTH])
-        return Law(np.array(scales), np.array(spreads), by_factors)
+        scales = np.array([1.0, *(getattr(self.scales, name) for name in names)])
+        spreads, freedoms = np.zeros((2, len(scales)))
+        spreads[0] = self.profile_spread
+        for number, name in enumerate(names, 1):
+            is_stated = name in self.stated
+            if name == SMOOTH:
+                known = self.robot_known and is_stated
+                spreads[number] = 0.0 if known else SMOOTH_SPREAD
+            elif not self.robot_known:
+                freedoms[number] = STATED_FREEDOM if is_stated else FREEDOM
+        return Law(scales, spreads, freedoms)
 
     def names(self, distinguishable: Sequence[str]) -> list[str]:
         """The errors of the robot that there are, entries of `Noise`: all if known,
@@ -171,32 +177,35 @@ class Prior:
 
 @dataclass(frozen=True)
 class Law:
-    """The prior law of 1 + k sizes, the scanner's first."""
+    """The prior law of 1 + k sizes, the scanner's first. Those that have neither a
+    spread nor degrees of freedom are known.
+    """
 
     scales: ndarray  # (1 + k,)
-    # (1 + k,) spreads of logarithms or degrees of freedom; 0 where the size is known
-    spreads: ndarray
-    by_factors: ndarray  # (1 + k,) whether the logarithm of a size is normal
+    spreads: ndarray  # (1 + k,) of logarithms that are normal; 0: the size has another
+    freedoms: ndarray  # (1 + k,) of half-t laws; 0: the size has another
 
     @cached_property
     def free(self) -> ndarray:
         """Which (d,) of the sizes are not known."""
-        return np.flatnonzero(self.spreads)
+        return np.flatnonzero(self.spreads + self.freedoms)
 
     def variances(self, y: ndarray) -> ndarray:
         """The variances v (S, 1 + k), squares of the sizes, at coordinates y (S, d).
 
         An error of the robot has the size σ t, with its scale σ and |T| of Student's
         law of f degrees of freedom, where T is as likely to be exceeded as the
-        coordinate: P(|T| > t) = Φ(-y). The scanner's noise and smooth errors have
-        t = exp(f y).
+        coordinate: P(|T| > t) = Φ(-y). The scanner's noise and smooth errors, of spread
+        s, have the size σ exp(s y).
         """
-        f = self.spreads[self.free]
+        of_all = np.zeros((len(y), len(self.scales)))
+        of_all[:, self.free] = y
+        sizes = self.scales * np.exp(self.spreads * of_all)
+        by_t = self.freedoms > 0
         # SciPy's quantile of smaller chances has the wrong sign
-        chance = ndtr(-np.minimum(y, 8.0))
-        by_t = np.minimum(-stdtrit(f, chance / 2), 100.0)  # a larger error is a mistake
-        sizes = np.tile(self.scales, (len(y), 1))
-        sizes[:, self.free] *= np.where(self.by_factors[self.free], np.exp(f * y), by_t)
+        chance = ndtr(-np.minimum(of_all[:, by_t], 8.0))
+        t = -stdtrit(self.freedoms[by_t], chance / 2)
+        sizes[:, by_t] *= np.minimum(t, 100.0)  # a larger error is a mistake
         return sizes**2
 
 

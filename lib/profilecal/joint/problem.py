@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy import ndarray
 
+from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.log import DELAY_S
 from profilecal.geometry.noise import SMOOTH, Noise, Systematic, chi2_limit
 from profilecal.geometry.observability import units_by_hand
@@ -21,7 +22,7 @@ from profilecal.joint.prior import (
     considered,
     of_clocks,
 )
-from profilecal.joint.residuals import SENSOR, Residuals
+from profilecal.joint.residuals import SENSOR, TARGET, Residuals
 from profilecal.joint.smooth import Known, SmoothErrors, smooth_errors
 from profilecal.targets.observations import (
     Batch,
@@ -31,10 +32,11 @@ from profilecal.targets.observations import (
     pose_groups,
 )
 
-# Where the derivatives by the flange pose stand among all columns.
+# Where the residual, and derivatives by the flange pose, stand among all columns.
+RESIDUAL = -7
 FLANGE = slice(-6, None)
-# A precision relative to that of a measurement by hand. It keeps matrices without full
-# rank invertible.
+# The precision of what is not known, relative to that of a measurement by hand; of an
+# error that is tried, in its own unit. It keeps matrices without full rank invertible.
 NOTHING_KNOWN = 1e-8
 # Noise levels at which Cauchy's loss gives a pose the weight of a half: little is lost
 # on clean data (notebook 42).
@@ -77,25 +79,26 @@ class Problem:
         self.to_hand = self.observations[0].eye_to_hand
         self.noise = noise
         self.mount = mount
-        self.terms = [Residuals(one, noise, in_space) for one in self.observations]
-        self.targets = [entry.target for entry in self.observations]
+        self.terms = [Residuals(seen, noise, in_space) for seen in self.observations]
+        self.targets = [seen.target for seen in self.observations]
         self.systematic = systematic or Systematic()
-        self.considered = considered(self.targets, self.systematic)
-        self.considered |= of_clocks(self.observations)
+        may_be_poor = considered(self.targets, self.systematic)
+        self.considered = may_be_poor | of_clocks(self.observations)
         # what one would know of each parameter (n,) by hand, mm and rad
         self.units = units_by_hand(self.targets)
         # how many residuals each profile has, in the first problem
         self.counts = np.concatenate([term.counts[0] for term in self.terms])
-        self.freedoms = np.maximum(self.counts, 1)
+        self.freedoms = np.maximum(self.counts, 1)  # where one has to divide by them
+        # Columns stand in this order: the sensor pose (6), each target's free shifts
+        # and turns, with which the n unknowns end; the c errors considered, first those
+        # that may be poor, then those of clocks; those tried; the residual; the flange
+        # pose (6).
         ends = np.cumsum([6, *(term.n for term in self.terms)])
         self.n = int(ends[-1])
-        # which of the unknowns are each target's
-        self.parts = [np.arange(*ends) for ends in pairwise(ends)]
-        # where each target's columns stand in the normal equations
-        self.places = [np.r_[SENSOR, part, self.n] for part in self.parts]
-        # where the errors considered stand among all columns
-        self.systematics = slice(self.n, self.n + len(self.considered))
-        # where the delay does, if anything was seen in motion
+        self.parts = [np.arange(*ends) for ends in pairwise(ends)]  # each target's
+        self.considered_columns = slice(self.n, self.n + len(self.considered))
+        self.may_be_poor = slice(self.n, self.n + len(may_be_poor))
+        # the column of the delay, if anything was seen in motion
         self.clock = None
         if DELAY in self.considered:
             self.clock = self.n + [*self.considered].index(DELAY)
@@ -107,6 +110,20 @@ class Problem:
         """Whether something moved of whose delay nothing is known."""
         return self.considered.get(DELAY) == DELAY_S
 
+    @property
+    def frame(self) -> str:
+        """The one that the sensor's pose is in."""
+        return "base" if self.to_hand else "flange"
+
+    def check_enough(self) -> None:
+        """Raise UnobservableError unless more is measured than is unknown."""
+        total = self.counts.sum()
+        if total <= self.n:
+            raise UnobservableError(
+                f"{total} measured coordinates cannot determine {self.n} unknowns "
+                "and noise; add poses"
+            )
+
     @cached_property
     def groups(self) -> PoseGroups:
         """Which profiles share errors of the flange."""
@@ -114,15 +131,18 @@ class Problem:
 
     def smooth(self, state: State) -> SmoothErrors:
         """The robot's smooth errors at a state, a batch of one."""
-        seen_from = [(each.R_flange[0], each.T_flange[0]) for each in self.observations]
-        R, T = map(np.concatenate, zip(*seen_from, strict=True))
+        R = np.concatenate([seen.R_flange[0] for seen in self.observations])
+        T = np.concatenate([seen.T_flange[0] for seen in self.observations])
         pairs = zip(self.terms, state.placements, strict=True)
         middles = [term.middle(state, placement) for term, placement in pairs]
-        seen = np.average(middles, axis=0, weights=[term.P for term in self.terms])
-        ratio = np.radians(self.noise.accuracy_deg) / (self.noise.accuracy_mm or 1.0)
-        sensor = state.rotation[0], state.translation[0]
+        counts = [term.P for term in self.terms]
         return smooth_errors(
-            (R, T), sensor, seen, ratio, self.to_hand, self.known_smooth
+            (R, T),
+            (state.rotation[0], state.translation[0]),
+            np.average(middles, axis=0, weights=counts),
+            np.radians(self.noise.accuracy_deg) / (self.noise.accuracy_mm or 1.0),
+            self.to_hand,
+            self.known_smooth,
         )
 
     def of(self, observations: Iterable[Observations]) -> "Problem":
@@ -131,13 +151,13 @@ class Problem:
         return Problem(observations, self.noise, *known)
 
     @cached_property
-    def alike(self) -> "Problem":
+    def of_equal_points(self) -> "Problem":
         """The same with the noise of all points alike."""
         return self.of(replace(seen, covariance=None) for seen in self.observations)
 
     def later(self, seconds: float) -> "Problem":
         """With what was seen in motion so much later in the robot's log."""
-        return self.of(entry.later(seconds) for entry in self.observations)
+        return self.of(seen.later(seconds) for seen in self.observations)
 
     def typical(self, fit: Fit) -> ndarray:
         """How many noise levels large the residuals of most poses are, (B,): the root
@@ -176,9 +196,10 @@ class Problem:
         normal = np.zeros((B, self.n + 1, self.n + 1))
         loss = np.zeros(B)
         per_pose = []
-        for index, z in enumerate(self.linear(state)):
+        terms = zip(self.parts, self.terms, self.linear(state), strict=True)
+        for unknowns, term, z in terms:
             r = z[:, -1]
-            count = np.maximum(self.terms[index].counts, 1)
+            count = np.maximum(term.counts, 1)
             square = np.einsum("bkp,bkp->bp", r, r) / count
             per_pose.append(square)
             if scale is not None:
@@ -186,7 +207,7 @@ class Problem:
                 loss += (count * unit * np.log1p(square / unit)).sum(axis=1)
                 z /= np.sqrt(1 + square / unit)[:, None, None]
             flat = z.reshape(B, z.shape[1], -1)
-            to = self.places[index]
+            to = np.r_[SENSOR, unknowns, self.n]
             normal[:, to[:, None], to] += flat @ flat.mT
         known = self.of_mount(state, self.n)
         normal += known
@@ -215,7 +236,6 @@ class Problem:
         follow the noise, and all lengths look too small.
         """
         errors = [*self.considered, *tried]
-        residual = self.n + len(errors)  # its column
         columns = []
         terms = zip(self.parts, self.terms, state.placements, strict=True)
         for unknowns, term, placement in terms:
@@ -223,13 +243,13 @@ class Problem:
             ideal = term.on_target(measured)
             slopes = ideal.linearise(state, placement)
             by_flange = ideal.by_flange(slopes, state)
-            z = np.zeros((1, residual + 7, *slopes.shape[2:]))
+            z = np.zeros((1, self.n + len(errors) + 7, *slopes.shape[2:]))
             z[:, SENSOR] = slopes[:, SENSOR]
-            z[:, unknowns] = slopes[:, term.frame]
+            z[:, unknowns] = slopes[:, TARGET]
+            at = state, placement, slopes, by_flange
             for column, error in enumerate(errors, self.n):
-                at = state, placement, slopes, by_flange
                 z[:, column] = ideal.by_error(error, *at)
-            z[:, residual] = measured[:, term.residual]
+            z[:, RESIDUAL] = measured[:, -1]
             z[:, FLANGE] = by_flange
             columns.append(np.nan_to_num(z, copy=False, posinf=0, neginf=0))
         return columns
@@ -239,20 +259,19 @@ class Problem:
         state: State,
         names: Sequence[str],
         tried: Sequence[Perturbation] = (),
-        columns: Sequence[ndarray] | None = None,
     ) -> LinearModel:
         """The linear model at a state, a batch of one, with errors of the robot of
         these `names`, entries of `Noise`. Smooth errors that are not among them are
         known to be as large as the noise says: their coefficients count among the
-        unknowns. Of the errors `tried` nothing is known beforehand. `columns`: as
-        `columns_in_mm` has them, if known.
+        unknowns. Of the errors `tried` nothing is known beforehand.
         """
-        columns = columns or self.columns_in_mm(state, tried)
+        columns = self.columns_in_mm(state, tried)
         # (profiles, K, n + c + d + 7), with zeros where a target has fewer residuals
         K = max(z.shape[2] for z in columns)
         whole = np.zeros((len(self.counts), K, columns[0].shape[1]))
         for term, z, own in zip(self.terms, columns, self.split(whole), strict=True):
-            own[:, : z.shape[2]] = term.over_noise(z.copy())[0].T
+            over_noise = term.over_noise(z)[0]  # (columns, K, P)
+            own[:, : z.shape[2]] = over_noise.transpose(2, 1, 0)
         precision = np.r_[
             NOTHING_KNOWN / self.units**2,
             np.power([*self.considered.values()], -2.0),
@@ -273,19 +292,18 @@ class Problem:
             self.groups,
             names,
             np.diag(precision),
-            self.clock,
-            self.of_mount(state, len(precision))[0],
-            slice(self.n, self.n + sum(bool(one.prior) for one in self.considered)),
-            smooth,
+            clock=self.clock,
+            of_mount=self.of_mount(state, len(precision))[0],
+            may_be_poor=self.may_be_poor,
+            smooth=smooth,
         )
 
-    def rms_mm(
-        self, columns: Sequence[ndarray], x: ndarray, profiles: ndarray
-    ) -> float:
+    def rms_mm(self, state: State, x: ndarray, profiles: ndarray) -> float:
         """Root mean square of the residuals of some profiles (profiles,) after a step x
-        (n + c,) from the state that `columns_in_mm` are of, less the errors considered.
+        (n + c,) from a state, a batch of one, less the errors considered.
         """
-        x, square = np.append(x[: self.systematics.stop], 1.0), 0.0
+        x, square = np.append(x[: self.considered_columns.stop], 1.0), 0.0
+        columns = self.columns_in_mm(state)
         for z, chosen in zip(columns, self.split(profiles), strict=True):
             residual = np.tensordot(x, z[0, : len(x), :, chosen], (0, 1))
             square += np.sum(residual**2)

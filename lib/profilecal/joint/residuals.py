@@ -1,6 +1,6 @@
 """One target's residuals and their derivatives, arranged for speed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -18,10 +18,11 @@ from profilecal.targets.observations import Observations, State
 from profilecal.targets.target import Sight
 
 # Where derivatives stand among the columns of linearised residuals: those by the sensor
-# pose come first.
+# pose, which shifts and turns, come first, and the residual last.
 SENSOR = slice(6)
 SHIFT = slice(3)
 TURN = slice(3, 6)
+TARGET = slice(6, -1)
 
 
 class Residuals:
@@ -42,15 +43,14 @@ class Residuals:
         self.shifts = ["xyz".index(axis) for axis in self.target.shifts]
         self.turns = ["xyz".index(axis) for axis in self.target.turns]
         self.n = len(self.shifts + self.turns)
-        # columns by the target's frame, and the column of the residual after them
-        self.frame = slice(6, 6 + self.n)
-        self.residual = 6 + self.n
         _, self.P, self.m, _ = observations.points.shape
 
         R, T = observations.R_flange, observations.T_flange
         # (B|1, 3, 3P)
         self.R_flange = R.transpose(0, 2, 3, 1).reshape(-1, 3, 3 * self.P)
-        self.T_in_flange = -inverse(R, T)[1].mT  # Rᵀ T, (B|1, 3, P)
+        # Rᵀ T (B|1, 3, P): where the flange is in the base, along the flange's axes;
+        # eye-to-hand, minus that, along the base's axes
+        self.T_in_flange = -inverse(R, T)[1].mT
         # x and z, (2, B|1, m, P)
         points = observations.points.transpose(3, 0, 2, 1).copy()
         self.present = np.isfinite(points).all(axis=0)  # (B|1, m, P)
@@ -74,8 +74,11 @@ class Residuals:
             self.whiten = np.moveaxis(whiten, 1, -1)
         self.sd = of_points[:, :, None] * noise.profile_mm * np.array(rows)[:, None]
 
-    def linearise(self, state: State, placement: tuple) -> ndarray:
-        """The K residuals of each of P poses and their derivatives, mm and rad.
+    def linearise(
+        self, state: State, placement: tuple, sizes: Sequence[float] = ()
+    ) -> ndarray:
+        """The K residuals of each of P poses and their derivatives, mm and rad; or as
+        they were with other `sizes` of the target.
 
         Returns (B, columns, K, P), zero where no point is. The columns are derivatives
         by the sensor pose (6) and by the target's frame (n), then the residual.
@@ -98,15 +101,15 @@ class Residuals:
         target = self.target
         residual = target.residual_in_space if self.in_space else target.residual
         with np.errstate(divide="ignore", invalid="ignore"):
-            sight = Sight(origin, axes, self.seen, self.sizes)
+            sight = Sight(origin, axes, self.seen, sizes or self.sizes)
             r, force, torque = residual(sight)
 
         B, rows = len(state.rotation), len(r)
-        count = self.residual + 1
+        count = 6 + self.n + 1
         by_point = np.empty((B, count, self.m, rows, self.P))
         for k in range(rows):
             column = by_point[:, :, :, k]
-            moment = cross(origin, force[k])
+            moment = cross(origin, force[k])  # o × f + t
             for j, axis in enumerate(self.shifts, 6):
                 column[:, j] = dot(force[k], axes[axis])
             if torque is not None:
@@ -116,7 +119,7 @@ class Residuals:
             for j in range(3):
                 column[:, j] = -force[k][j]
                 column[:, 3 + j] = -moment[j]
-            column[:, self.residual] = r[k]
+            column[:, -1] = r[k]
 
         z = by_point.reshape(B, count, self.m * rows, self.P)
         if not self.present.all():
@@ -183,26 +186,35 @@ class Residuals:
         by_flange: ndarray,
     ) -> ndarray:
         """The derivative (1, K, P) by the size of an error, at a state of a batch of
-        one. `columns` are of these residuals, there, and so are those `by_flange`,
-        along whose motion (P, 6) wrong times and positions move the residuals.
+        one. `columns` are of these residuals, there, and so are those `by_flange`.
         """
-        seen = self.observed
         if error.length:
             return self.by_length(error.length, state, placement)
         if error.points:
-            moved = self.moved_by(error.points)
-            by_error = (self.by_point(columns) * moved[:, :, :, None]).sum(axis=0)
-            return by_error.reshape(1, *columns.shape[2:])
+            moves = self.by_point(columns) * self.moved_by(error.points)[:, :, :, None]
+            return moves.sum(axis=0).reshape(1, *columns.shape[2:])
+        shift_and_turn = self.motion_by(error).reshape(-1, 2, 3)
+        in_sensor = (shift_and_turn @ state.rotation[0]).reshape(-1, 6)
+        return np.einsum("bjkp,pj->bkp", by_flange, in_sensor)
+
+    def motion_by(self, error: Perturbation) -> ndarray:
+        """How an error of times or positions moves the flange, along its own axes;
+        eye-to-hand, how it moves the sensor, along the base's axes: (P, 6), of the
+        first problem.
+        """
+        seen = self.observed
         motion = np.zeros((self.P, 6))
-        if error.clock and seen.times is not None:
-            motion = seen.twist * error.clock(np.nan_to_num(seen.times[0]))[:, None]
+        if error.clock:
+            if seen.times is not None:
+                late = error.clock(np.nan_to_num(seen.times[0]))
+                motion = seen.twist * late[:, None]
         elif seen.eye_to_hand:
-            motion[:, :3] = -error.positions(-self.T_in_flange[0].T)
+            in_base = -self.T_in_flange[0].T
+            motion[:, :3] = -error.positions(in_base)
         else:
             shift = error.positions(seen.T_flange[0])[:, None]
             motion[:, :3] = (shift @ seen.R_flange[0])[:, 0]
-        in_sensor = (motion.reshape(-1, 2, 3) @ state.rotation[0]).reshape(-1, 6)
-        return np.einsum("bjkp,pj->bkp", by_flange, in_sensor)
+        return motion
 
     def moved_by(self, error: Callable) -> ndarray:
         """By how much an error of points moves x and z of those seen, (2, 1, m, P) mm.
@@ -235,12 +247,9 @@ class Residuals:
         """The derivative (1, K, P) by one of the target's lengths, by differences."""
         h = 1e-4  # mm
         step = h * (np.array(self.target.lengths) == name)
-        other = copy(self)
-        residuals = []
-        for sizes in (self.sizes + step, self.sizes - step):
-            other.sizes = tuple(sizes)
-            residuals.append(other.linearise(state, placement)[:, self.residual])
-        plus, minus = residuals
+        larger, smaller = (tuple(self.sizes + by) for by in (step, -step))
+        plus = self.linearise(state, placement, larger)[:, -1]
+        minus = self.linearise(state, placement, smaller)[:, -1]
         return (plus - minus) / (2 * h)
 
     def on_target(self, columns: ndarray) -> "Residuals":
@@ -248,7 +257,7 @@ class Residuals:
         target. As residuals are distances, their slopes by the point have length one,
         and a point moves against them by as much as its residual.
         """
-        r = columns[:, self.residual].reshape(len(columns), self.m, -1, self.P)
+        r = columns[:, -1].reshape(len(columns), self.m, -1, self.P)
         other = copy(self)
         vars(other).pop("circles", None)  # they are of other points
         other.seen = self.seen - np.sum(self.by_point(columns) * r, axis=3)

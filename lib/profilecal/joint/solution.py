@@ -28,7 +28,7 @@ class Solution:
     placements: tuple  # a `Target` for each set of observations
     prior: Prior  # of the errors
     error_sizes: ErrorSizes
-    noise: Noise  # the sizes of all errors that the solution rests on
+    noise: Noise  # the medians of the sizes of all errors
     chi2: float
     dof: int
     rms_mm: float  # of the residuals kept, less the systematic errors that they suggest
@@ -47,13 +47,15 @@ class Solution:
 
         A flange that is shifted by s and turned by ψ takes the sensor, at a in the
         sensor's frame, along: ρ = s + ψ × a, φ = ψ. These are the rows of `lever`.
+        Eye-to-hand, the sensor's own place errs so, and a is zero.
         """
         sizes = self.error_sizes
-        if sizes.sizes[-1].name != SMOOTH:
+        if SMOOTH not in sizes.of_robot:
             return self.covariance
-        # from the flange to the sensor, in the sensor's frame
-        arm = self.rotation.T @ self.translation
-        lever = shifting(arm * (not self.problem.to_hand))
+        arm = np.zeros(3)  # from what errs to the sensor, in its frame
+        if not self.problem.to_hand:
+            arm = self.rotation.T @ self.translation
+        lever = shifting(arm)
         noise = self.problem.noise
         by_axis = np.repeat([1, np.radians(noise.accuracy_deg) / noise.accuracy_mm], 3)
         moved = np.hstack([lever * by_axis, self.smooth.steps[:6]])
@@ -74,7 +76,7 @@ class Solution:
         names = [size.name for size in self.error_sizes.sizes[1:]]
         model = self.problem.model(self.state, names, tried)
         model = model.keeping(np.concatenate(self.kept))
-        return model, model.posterior(self.error_sizes.v[None])
+        return model, model.posterior(self.error_sizes.median_v[None])
 
     @property
     def known_of_all(self) -> tuple[ndarray, ndarray]:
@@ -103,7 +105,7 @@ class Solution:
 
     @property
     def delay_sd_s(self) -> float:
-        """Its standard deviation; 0.2 s is all that is known of it beforehand."""
+        """Its standard deviation, beforehand 0.2 s unless the delay was given."""
         clock = self.problem.clock
         return float(np.sqrt(self.error_sizes.covariance[clock, clock]))
 

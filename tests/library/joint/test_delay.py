@@ -61,7 +61,7 @@ def test_the_derivative_by_the_delay_is_that_of_differences(kind, mount):
     for shift in (h, -h):
         moved = problem.later(shift).terms[0]
         moved.seen = term.on_target(term.linearise(state, placement)).seen
-        residuals.append(moved.linearise(state, placement)[0, term.residual])
+        residuals.append(moved.linearise(state, placement)[0, -1])
     by_time = (residuals[0] - residuals[1]) / (2 * h)
     scale = np.abs(by_time).max()
     assert scale > 20  # mm/s

@@ -117,7 +117,7 @@ def squared(error, covariance) -> float:
 
 def test_errors_that_may_be_larger_change_the_posterior_as_another_prior_does():
     model = Dense(2).model
-    model.precision, model.scanner = np.diag([4.0, 1.0, 3.0, 2.0]), slice(1, 4)
+    model.precision, model.may_be_poor = np.diag([4.0, 1.0, 3.0, 2.0]), slice(1, 4)
     posterior = model.posterior(np.array([V, 2 * V]))
     times = np.array([[1.0, 10, 1, 0.1], [1, 1, 1, 1]])
     for own, gain, x, covariance in zip(

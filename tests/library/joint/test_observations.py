@@ -57,7 +57,7 @@ def test_a_scanner_errs_in_circles_as_in_the_arcs_that_it_saw(error):
     for size in (1e-6, -1e-6):
         wrong = with_values(scan, partial(wrongly_seen, error, size))
         (term,) = Problem(observe_all([wrong])[1], Noise(SIGMA)).terms
-        residuals.append(term.linearise(state, placed)[0, term.residual])
+        residuals.append(term.linearise(state, placed)[0, -1])
     by_error = (residuals[0] - residuals[1]) / 2e-6
     columns = term.linearise(state, placed)
     by_flange = term.by_flange(columns, state)

@@ -1,0 +1,143 @@
+"""What to say of an estimate: its covariance, enlarged where the noise does not explain
+the residuals, how well it is known, and whether another sensor pose fits as well.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy import ndarray
+
+from profilecal.geometry.noise import ESTIMATED, chi2_limit, normalised_square
+from profilecal.geometry.observability import explain, of_covariance, spectrum
+from profilecal.geometry.poses import pose_error
+from profilecal.joint import delay
+from profilecal.joint.descent import ROUGHLY, refine
+from profilecal.joint.estimation import ROUNDS, Estimate, after_step
+from profilecal.joint.prior import Prior
+from profilecal.joint.rejection import chi2_left_out
+from profilecal.joint.solution import Solution
+from profilecal.targets.observations import State
+
+UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
+# χ² of the six unknowns of a sensor pose: rarely more, and of one that is another
+RARE_SQUARE = 12.0
+OTHER_SQUARE = 50.0
+UNSETTLED = (
+    f"the answer, or which poses belong to it, still changed after {ROUNDS} rounds; "
+    "look at the poses that were left out, and add others"
+)
+
+
+def conclude(estimated: Estimate, prior: Prior, candidates: State) -> Solution:
+    """The solution that an estimate leads to, with its status. `candidates`: sensor
+    poses that may fit as well.
+    """
+    solution = at_the_mean(estimated, prior)
+    status, messages = how_known(solution)
+    if status != "unobservable":
+        against = twin(solution, candidates)
+        if not estimated.settled:
+            against.append(UNSETTLED)
+        if against:
+            status = "weak"
+            messages += against
+    messages = [*solution.messages, *messages]
+    return replace(solution, status=status, messages=tuple(messages))
+
+
+def at_the_mean(estimated: Estimate, prior: Prior) -> Solution:
+    """The solution where an estimate has the mean of all unknowns, as if its covariance
+    said all.
+    """
+    model, sizes = estimated.model, estimated.error_sizes
+    posterior = model.posterior(sizes.median_v[None])
+    problem, state = after_step(estimated.problem, estimated.state, sizes.mean)
+    n, chi2 = problem.n, float(posterior.square[0])
+    square = sum(chi2_left_out(model, posterior)) / np.maximum(model.counts, 1)
+    dof = max(int(model.counts[model.kept].sum()) - n, 1)
+    enlargement, messages = enlargement_by_misfit(prior, chi2, dof)
+    sizes = sizes.enlarged_by(enlargement)
+    rank = spectrum(posterior.normal[0, :n, :n], problem.units).rank
+    observability = of_covariance(sizes.covariance[:6, :6], rank, n)
+    terms = zip(problem.terms, state.placements, strict=True)
+    medians = {size.name: size.middle for size in sizes.sizes}
+    return Solution(
+        state=state,
+        covariance=observability.covariance,
+        placements=tuple(
+            term.target.at(origin[0], axes[0], term.sizes)
+            for term, (origin, axes) in terms
+        ),
+        prior=prior,
+        error_sizes=sizes,
+        noise=problem.noise.of_sizes(dict.fromkeys(ESTIMATED, 0.0) | medians),
+        chi2=chi2,
+        dof=dof,
+        rms_mm=estimated.problem.rms_mm(estimated.state, sizes.mean, model.kept),
+        normalised=tuple(problem.split(np.sqrt(square))),
+        rejected=tuple(problem.split(~model.kept)),
+        status=str(observability.status),
+        observability=observability,
+        messages=messages,
+        problem=problem,
+    )
+
+
+def how_known(solution: Solution) -> tuple[str, list[str]]:
+    """The status of a sensor pose by its covariance and that of a delay, and what a
+    person should know of that, and do.
+    """
+    problem = solution.problem
+    status, known, remarks = delay.verdict(solution)
+    R_flange = np.concatenate([seen.R_flange[0] for seen in problem.observations])
+    why = explain(known, solution.rotation, R_flange, problem.frame)
+    return status, remarks + why
+
+
+def enlargement_by_misfit(
+    prior: Prior, chi2: float, dof: int
+) -> tuple[float, tuple[str, ...]]:
+    """What the covariance is to be multiplied by, where all noise is given and does not
+    explain the residuals, with a sentence that says so.
+    """
+    all_given = prior.source == "given" and prior.robot_known
+    if not all_given or chi2 <= chi2_limit(UNLIKELY, dof):
+        return 1.0, ()
+    factor = chi2 / dof
+    return factor, (
+        f"residuals are {factor**0.5:.2g} times what the stated noise explains; "
+        "the covariance is enlarged to match",
+    )
+
+
+def twin(solution: Solution, candidates: State) -> list[str]:
+    """A sentence on another sensor pose that fits as well, if there is one: whose χ² is
+    no larger than it rarely is at the true one.
+    """
+    problem = solution.problem
+    largest = solution.chi2 + RARE_SQUARE * max(1.0, solution.chi2_per_dof)
+    for k in np.flatnonzero(errors_if_right(solution, candidates)[1]):
+        pairs = zip(problem.observations, solution.kept, strict=True)
+        kept = problem.of(seen.keep(own) for seen, own in pairs)
+        other = refine(kept, candidates[[k]], tolerance=ROUGHLY).state
+        _, posterior = replace(solution, state=other).model()
+        other = problem.move(other, posterior.mean[:, : problem.n])
+        (error,), is_another = errors_if_right(solution, other)
+        if is_another and posterior.square[0] < largest:
+            shift, turn = np.linalg.norm(error.reshape(2, 3), axis=1)
+            return [
+                "another sensor pose explains the data as well, "
+                f"{np.degrees(turn):.3g}° and "
+                f"{shift:.3g} mm away; add poses from other directions"
+            ]
+    return []
+
+
+def errors_if_right(solution: Solution, others: State) -> tuple[ndarray, ndarray]:
+    """Errors (B, 6) of a solution if other sensor poses are right, and whether each of
+    these is another, (B,).
+    """
+    own, theirs = solution.state, (others.rotation, others.translation)
+    delta = pose_error(own.rotation, own.translation, *theirs)
+    square = normalised_square(solution.covariance, delta)
+    return delta, square > OTHER_SQUARE

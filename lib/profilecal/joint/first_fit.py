@@ -1,0 +1,101 @@
+"""Sensor poses that fit most of what was seen, before anything is known of the sizes of
+errors: by least squares, or by Cauchy's loss where bad poses spoil that.
+"""
+
+import numpy as np
+from numpy import ndarray
+
+from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
+from profilecal.geometry.observability import spectrum
+from profilecal.joint.descent import (
+    HOPELESS,
+    ROUGHLY,
+    distinct,
+    refine,
+    robustly,
+    search_among_outliers,
+)
+from profilecal.joint.problem import Fit, Problem
+from profilecal.targets.observations import State
+
+LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake
+MANY = 0.1  # of the poses: if more contradict a robust fit, it is searched for anew
+
+
+def least_squares(problem: Problem, state: State) -> Fit:
+    """Fits by least squares, best first: after five steps those that are far from any
+    answer and doubles are dropped, the others go on to the end.
+    """
+    fits = refine(problem, state, iterations=5, tolerance=ROUGHLY).best_first
+    good = distinct(fits.state[fits.loss <= HOPELESS * fits.loss[0]])
+    return refine(problem, good, tolerance=ROUGHLY).best_first
+
+
+def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
+    """Fits to most of the poses, best first. `usual_mm`: how large residuals usually
+    are; 0: nothing says it.
+
+    By least squares where no pose contradicts that and residuals are as usual; else by
+    Cauchy's loss; and after another search among its fits where these leave many poses
+    that contradict, or large residuals: many bad poses hide each other.
+    """
+    if usual_mm and not is_doubtful(problem, fits, usual_mm, 0.0):
+        return fits
+    by_most = robust_fit(problem, fits.state)
+    if is_doubtful(problem, by_most, usual_mm, MANY):
+        state = search_among_outliers(problem, by_most.state)
+        by_most = robust_fit(problem, state)
+    agreeing = ~contradicting(problem, by_most, usual_mm)
+    too_few_agree = problem.freedoms[agreeing].sum() <= problem.n
+    if too_few_agree:  # some fit to so few is nearly exact, and says nothing
+        return least_squares(problem, fits.state.join(by_most.state))
+    return by_most
+
+
+def is_doubtful(problem: Problem, fits: Fit, usual_mm: float, share: float) -> bool:
+    """Whether residuals of the best fit are twice as large as usual, or more than a
+    share of the poses contradict it.
+    """
+    is_large = bool(usual_mm) and typical_mm(problem, fits) > 2 * usual_mm
+    return is_large or np.mean(contradicting(problem, fits, usual_mm)) > share
+
+
+def contradicting(problem: Problem, fits: Fit, usual_mm: float) -> ndarray:
+    """The profiles (profiles,) whose residuals in the best fit chance does not explain,
+    if noise is as large as those of most are, and at least as usual.
+
+    With the mean square q of its k residuals, k q is beyond the limit of χ².
+    """
+    k = problem.freedoms
+    unit = max(problem.typical(fits)[0], usual_mm / problem.noise.profile_mm)
+    limit = chi2_limit(FALSE_ALARM / len(k), k)
+    return fits.per_pose[0] * k > unit**2 * limit
+
+
+def robust_fit(problem: Problem, state: State) -> Fit:
+    """Three fits by Cauchy's loss, best first: those with the least residuals of most
+    poses, with the least of these as the unit of all, for their losses to compare.
+    """
+    fits = robustly(problem, state, 4)[:3]
+    scale = np.full_like(fits.loss, problem.typical(fits).min())
+    return refine(problem, fits.state, scale=scale, tolerance=ROUGHLY).best_first
+
+
+def is_beyond_robots(problem: Problem, fits: Fit, scale: float) -> bool:
+    """Whether residuals of the best fit are larger than any robot errs, or the answer
+    is open whatever it does, with a scanner's noise that is `scale` times as large as
+    assumed.
+    """
+    if typical_mm(problem, fits) > LARGEST_ERROR_MM:
+        return True
+    known = spectrum(fits.normal[0, :-1, :-1], problem.units)
+    # ten times worse than measured by hand
+    return bool(known.rank < problem.n or known.sd[0] * scale > 10)
+
+
+def typical_mm(problem: Problem, fits: Fit) -> float:
+    """How large the residuals of most poses are in the best fit; in mm, as the noise of
+    points need not be the same in all directions.
+    """
+    there = problem.of_equal_points.moments(fits.state[[0]])
+    return float(problem.typical(there)[0] * problem.noise.profile_mm)

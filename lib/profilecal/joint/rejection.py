@@ -1,0 +1,92 @@
+"""Which profiles do not belong to the others: by the errors that a robot may make, each
+by itself, and by what all others say of it.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy import ndarray
+from scipy.special import fdtri
+
+from profilecal.geometry.noise import FALSE_ALARM, chi2_limit, normalised_square
+from profilecal.joint.linear_model import LinearModel, Posterior
+from profilecal.joint.prior import Prior
+from profilecal.joint.problem import Problem
+from profilecal.targets.observations import State
+
+LARGEST_REJECTED = 1 / 3  # of the poses
+MOST_MISTAKES = 0.2  # of the poses that anyone makes
+LARGE = 1.5  # standard deviations beforehand: of errors that are large, but usual
+
+
+def of_large_errors(
+    problem: Problem, state: State, model: LinearModel, prior: Prior
+) -> ndarray:
+    """The profiles (profiles,) whose residuals errors of large, but usual sizes
+    explain, each by itself; all, if these are too few.
+
+    What is stated has the shorter tail of what is usual at first; where that leaves out
+    more poses than anyone mistakes, its own, longer one. Smooth errors are none of
+    these.
+    """
+    scanner = 1.0
+    if prior.profile_spread:
+        scanner = max(1.0, problem.typical(problem.moments(state))[0])
+    for believed in (replace(prior, stated=frozenset()), prior):
+        law = believed.law(model.names)
+        (v,) = law.variances(np.full((1, len(law.free)), LARGE))
+        v[0] = scanner**2
+        of_flange = normalised_square(model.own(v), model.Y[..., -1])
+        of_rest = np.sum(model.rest[..., -1] ** 2, axis=1) / v[0]
+        kept = belonging(problem, model, of_flange, of_rest)
+        if np.mean(~kept) <= MOST_MISTAKES:
+            break
+    return kept if model.counts[kept].sum() > problem.n else model.kept
+
+
+def still_belonging(
+    problem: Problem, model: LinearModel, posterior: Posterior, first: ndarray
+) -> ndarray:
+    """The profiles (profiles,) that belong to what all others say; or the `first` ones,
+    if so few do that not poses are at fault, but the model.
+    """
+    after = belonging(problem, model, *chi2_left_out(model, posterior))
+    rejected = np.mean(first) - np.mean(after)
+    too_few = model.counts[after].sum() <= problem.n
+    return first if rejected > LARGEST_REJECTED or too_few else after
+
+
+def chi2_left_out(model: LinearModel, posterior: Posterior) -> tuple[ndarray, ndarray]:
+    """Two χ² (profiles,) of each profile: of the rows that speak of the flange, by what
+    all other profiles kept say of them; and of the rest of its residuals, where all
+    kept have the unknowns.
+    """
+    of_flange = normalised_square(*model.left_out(posterior)[::-1])
+    rest = model.rest @ np.append(posterior.mean[0], 1.0)
+    # what is below zero is rounding
+    return np.maximum(of_flange, 0), np.sum(rest**2, axis=1) / posterior.v[0, 0]
+
+
+def belonging(
+    problem: Problem, model: LinearModel, of_flange: ndarray, of_rest: ndarray
+) -> ndarray:
+    """The profiles (profiles,) whose two χ² (`chi2_left_out`) chance explains; of three
+    or more that share an orientation of the flange, none if it does not explain more
+    than half.
+
+    The χ² of the rows that speak of the flange follows F's law where a profile was left
+    out so far: it had no part in estimating the sizes of errors, which the others tell
+    only roughly.
+    """
+    chance = FALSE_ALARM / 2 / len(of_rest)  # two tests of each
+    ranks = np.maximum(model.ranks, 1)
+    freedom = max(1, model.ranks[model.kept].sum() - problem.n)
+    limit = chi2_limit(chance, ranks)
+    limit_out = ranks * fdtri(ranks, freedom, 1 - chance)
+    bad = of_flange > np.where(model.kept, limit, limit_out)
+    rest = model.counts - model.ranks
+    bad |= (rest > 0) & (of_rest > chi2_limit(chance, np.maximum(rest, 1)))
+    orientation = problem.groups.group
+    size = np.bincount(orientation)
+    crowd = (np.bincount(orientation, bad) > size / 2) & (size > 2)
+    return ~(bad | crowd[orientation])
