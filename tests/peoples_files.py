@@ -369,6 +369,13 @@ def with_gaps(folder):
         write_lines(folder / f"s{k}.csv", ["x,z", *rows])
 
 
+def unseen_at_first(folder):
+    """One row of nan below the titles, or more than are looked at for titles."""
+    for k, points in enumerate(scan().values):
+        rows = np.insert(points, np.zeros(1 + 60 * (k % 2), int), np.nan, axis=0)
+        write_table(folder / f"s{k}.csv", "x,z", rows)
+
+
 def codes_in_um(folder):
     for k, points in enumerate(scan().values):
         rows = np.where(np.isnan(points), -999.999, points) * 1000
@@ -439,8 +446,8 @@ POSES = (
 )
 IN_A_BASE = (abb, staubli)
 PROFILES = (
-    *(one_each, with_gaps, codes_in_um, lists, archives, surfaces, numbered_columns),
-    *(long_table, below, stacked, point_clouds),
+    *(one_each, with_gaps, unseen_at_first, codes_in_um, lists, archives, surfaces),
+    *(numbered_columns, long_table, below, stacked, point_clouds),
 )
 
 

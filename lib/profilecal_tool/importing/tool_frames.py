@@ -44,10 +44,8 @@ def of_one_frame(
     uses = [(name, used.lower().partition("[")[0]) for name, used in uses if used]
     option, _, said = layout.where.lower().partition("=")
     if option == which:
-        others = {name for name, used in uses if used != said}
-        labels = poses.labels.get("name", [])
-        rows = [row for row, label in enumerate(labels) if label not in others]
-        return poses.at(rows) if labels else poses, said
+        others = {name.lower() for name, used in uses if used != said}
+        return without(poses, others), said
     used = [name for _, name in uses]
     names = [*dict.fromkeys(used)]
     if not poses.robot:  # a program's first is what the first move has
@@ -57,6 +55,13 @@ def of_one_frame(
         answer = f"{which}={max(names, key=used.count)}"
         raise Question(f"{poses.path}: {sentence}", where=answer)
     return poses, "".join(names)
+
+
+def without(poses: Block, names: set[str]) -> Block:
+    """The poses but for those of some names, in small letters."""
+    labels = poses.labels.get("name", [])
+    kept = [row for row, label in enumerate(labels) if label.lower() not in names]
+    return poses.at(kept) if labels else poses
 
 
 def of_one_tool(
@@ -71,9 +76,13 @@ def of_one_tool(
     if layout.tool:
         tool, words = layout.tool, "the one given, taken off"
     elif used not in WORDS["no_frame"]:
-        tool = frame_of_tool(poses, beside, used)
+        maker = ROBOTS.get(poses.robot)
+        kind = maker.tools_in if maker and used else "tool"
+        tool = frame_of_tool(poses, beside, used, kind)
         if tool:
             words = f"{used or 'one'} at {[*tool[:3]]}, taken off"
+        if kind == "pose":
+            poses = without(poses, {used})
     if base not in {"", *WORDS["no_frame"]}:
         words += f"; in base {base}, not taken off"
     taken["tool"] = words
@@ -81,13 +90,11 @@ def of_one_tool(
 
 
 def frame_of_tool(
-    poses: Block, beside: Iterable[Block], used: str
+    poses: Block, beside: Iterable[Block], used: str, kind: str
 ) -> Sequence[float] | None:
-    """The frame of the tool that poses have, as files say it, in the convention of the
-    poses; None where there are no tools. Raises Question.
+    """The frame of the tool that poses have, as lines of a kind say it, in the
+    convention of the poses; None where there are no tools. Raises Question.
     """
-    maker = ROBOTS.get(poses.robot)
-    kind = maker.tools_in if maker and used else "tool"
     rows = said_in_program(poses, beside, kind)
     columns = [*XYZ, *poses.convention.columns]
     if offset := poses.poses.get("tcp_offset"):

@@ -403,6 +403,16 @@ TOOLS = {
         "tscan, whose frame",
     ),
     "a base": (people.kuka, ("BASE_NO 0", "BASE_NO 2", 12), "in base 2, not taken off"),
+    "a frame in the program": (
+        people.kuka,
+        ("DECL FDAT", "$TOOL={X 12,Y 0,Z 0,A 0,B 0,C 0}\n$BASE=BASE_DATA[2];", 12),
+        "one at [12.0, 0.0, 0.0], taken off; in base 2, not taken off",
+    ),
+    "a frame with a name": (
+        people.ur,
+        ("set_tcp(p[", "set_tcp(tcp1)\n  tcp1=p["),
+        "tcp1 at [0.012, -0.035, 0.18], taken off",
+    ),
     "a line": (
         people.yaskawa,
         ("///TOOL 0", "///TOOL 2"),
