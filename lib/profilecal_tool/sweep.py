@@ -48,19 +48,14 @@ def plan(notebook: Path, grid: dict, repeat: int | None = None) -> dict[str, dic
     """
     kinds = notebooks.parameters_of(notebook)
     if not grid and not repeat:
-        known = ", ".join(kinds) or "(none)"
-        raise ValueError(
-            f"the grid is empty; {notebook.stem} has the parameters {known}"
-        )
+        known = f"{notebook.stem} has the parameters {', '.join(kinds)}"
+        raise ValueError(f"the grid is empty; {known}")
     if repeat and "seed" not in kinds:
         raise ValueError(
             f"{notebook.stem} has no parameter 'seed', "
             "so its repeats would all be the same"
         )
-    lists = {
-        name: values if isinstance(values, list) else [values]
-        for name, values in grid.items()
-    }
+    lists = {k: v if isinstance(v, list) else [v] for k, v in grid.items()}
     notebooks.check_parameters(lists, [kinds])
     for name, values in lists.items():
         if not values:
@@ -113,7 +108,7 @@ def sweep(
     runs = plan(notebook, grid, repeat)
     source = notebook.read_text("utf-8")
     cells = json.loads(source)["cells"]
-    code = [(cell["cell_type"], cell["source"]) for cell in cells]
+    code = [cell["source"] for cell in cells if cell["cell_type"] == "code"]
     versions = notebooks.versions()
     place = str(notebook.resolve().parent)
     folder = output / "runs"
@@ -133,11 +128,10 @@ def sweep(
                 executed["metadata"]["profilecal"] = {
                     "key": keys[name],
                     "error": why,
-                    "duration_s": round(seconds, 3),
+                    "duration_s": seconds,
                 }
                 with written_whole(folder / f"{name}.ipynb") as part:
-                    json_text = json.dumps(executed, indent=1, ensure_ascii=False)
-                    part.write_text(json_text, "utf-8")
+                    part.write_text(json.dumps(executed), "utf-8")
     table, failed = _gather(runs, folder, versions)
     with written_whole(output / "table.csv") as part:
         table.to_csv(part, index=False)
