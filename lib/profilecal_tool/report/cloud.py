@@ -33,25 +33,21 @@ class Cloud:
     """All points of one scan, by one sensor pose."""
 
     points: ndarray  # (N, 3) mm, base frame (eye-to-hand: the flange's)
-    pose: ndarray  # (N,) from which each was seen, in the order of the scan
+    pose: ndarray  # (N,) number of the pose from which each was seen
     rms_mm: float  # distance of the features from the target
     frame: str
 
 
-def clouds_of(calibration: Calibration, T: ndarray) -> list[Cloud]:
+def clouds_of(found: Calibration, T: ndarray) -> list[Cloud]:
     """The cloud of each scan of a calibration, by a sensor pose T (4, 4).
 
     Distances are from the target that fits all features best, so that they show how
     thick the cloud is.
     """
     clouds = []
-    solution = calibration.solution_or_none
-    delay_ms = 1e3 * (solution.delay_s or 0.0) if solution else 0.0
-    for scan, seen, observed in zip(
-        calibration.scans, calibration.seen, calibration.observed, strict=True
-    ):
-        target, points, number = target_by(T, observed)
-        pose = seen[number]
+    delay_ms = 1e3 * (found.solution.delay_s or 0.0)
+    for scan, observed in zip(found.scans, found.observed, strict=True):
+        target, points, pose = target_by(T, observed)
         rms_mm = np.sqrt(np.mean(target.distance(points) ** 2))
         if scan.measured == "profiles":
             every = scan.at_rest(delay_ms).base_flange(np.arange(len(scan.values)))
@@ -67,19 +63,20 @@ def plot_cloud(cloud: Cloud, title: str) -> plt.Figure:
     words = f"{title}, put together from all poses: the\n{where}"
     figure, axes = in_space(words, cloud.frame)
     few = slice(None, None, 1 + len(cloud.points) // DRAWN)
-    axes.scatter(*cloud.points[few].T, c=cloud.pose[few], s=1, depthshade=False)
+    axes.scatter(*cloud.points[few].T, c=cloud.pose[few], s=1)
     one_scale(axes)
     return figure
 
 
-def write_cloud(calibration: Calibration, T: ndarray, path: Path) -> None:
+def write_cloud(found: Calibration, T: ndarray, path: Path) -> None:
     """Write the clouds of a calibration, as a sensor pose T (4, 4) has them, into a PLY
     file.
     """
-    clouds = clouds_of(calibration, T)
-    shares = [cloud.pose / max(1, cloud.pose.max()) for cloud in clouds]
-    rgb = plt.get_cmap("viridis")(np.concatenate(shares), bytes=True)[:, :3]
-    rows = np.hstack([np.concatenate([cloud.points for cloud in clouds]), rgb])
-    head = PLY.format(len(rows))
+    parts = []
+    for cloud in clouds_of(found, T):
+        colours = plt.cm.ScalarMappable().to_rgba(cloud.pose, bytes=True)
+        parts.append(np.c_[cloud.points, colours[:, :3]])
+    rows = np.concatenate(parts)
+    formats = ["%.4f"] * 3 + ["%d"] * 3
     with written_whole(path) as partial:
-        np.savetxt(partial, rows, ["%.4f"] * 3 + ["%d"] * 3, header=head, comments="")
+        np.savetxt(partial, rows, formats, header=PLY.format(len(rows)), comments="")

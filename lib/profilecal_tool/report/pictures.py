@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from textwrap import fill
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -15,7 +14,7 @@ from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.points import points_seen
 from profilecal.calibration.verify import target_by
 from profilecal.geometry.observability import WEAK, name_direction, size_direction
-from profilecal.geometry.poses import homogeneous, in_base
+from profilecal.geometry.poses import carry, homogeneous, in_base
 from profilecal.scan.scan import Scan
 from profilecal.targets.observations import Observations
 from profilecal_pages.figures import (
@@ -33,6 +32,7 @@ from profilecal_tool.report.calibration import of_poses
 
 WIDTH = 5.6  # inches, of a page's pictures
 OF_PAGE = 20  # profiles
+DOTS = {"ls": "", "marker": ".", "ms": 2, "color": "0.55"}
 
 
 def panels(
@@ -41,10 +41,9 @@ def panels(
     """A figure as wide as the page of so many panels, row by row, each so many inches
     high; `options` as `plt.subplots` takes them.
     """
-    size = (WIDTH, rows * height)
-    figure, places = plt.subplots(
-        rows, columns, figsize=size, squeeze=False, layout="constrained", **options
-    )
+    use_style()
+    size = WIDTH, rows * height
+    figure, places = plt.subplots(rows, columns, figsize=size, squeeze=False, **options)
     figure.suptitle(title)
     return figure, places.ravel()
 
@@ -86,7 +85,7 @@ def draw_scene(
         draw_patch(axes, corners, SKY, 0.15, "seen in the scan plane")
         draw_frame(axes, T[:3, :3], T[:3, 3], 0.2 * xz.max())
     for line in lines:
-        axes.plot(*line.T, color="black", lw=3 if len(lines) == 1 else 1, label=name)
+        axes.plot(*line.T, color="black", lw=1 if lines[1:] else 3, label=name)
 
 
 def plot_robot(found: Calibration) -> plt.Figure:
@@ -96,7 +95,7 @@ def plot_robot(found: Calibration) -> plt.Figure:
     positions = np.concatenate([scan.p_base_flange for scan in found.scans])
     title = f"Where the robot went: {len(positions)} poses"
     figure, axes = in_space(title, "base")
-    axes.scatter(*positions.T, color="0.35", s=6, depthshade=False, label="flange")
+    axes.plot(*positions.T, **DOTS, label="flange")
     size = 0.08 * np.ptp(positions, axis=0).max() + 5
     for scan, observed in zip(found.scans, found.observed, strict=True):
         flange = scan.T_base_flange[:: 1 + len(scan.labels) // 20]
@@ -117,12 +116,12 @@ def draw_answer(
     """
     target, points, _ = target_by(pose, observed)
     lines = target.lines(points)
-    x, z = np.nanpercentile(observed.points.reshape(-1, 2), [1, 99], axis=0).T
+    x, z = np.nanpercentile(observed.points[0], [1, 99], axis=(0, 1)).T
     corners = np.stack([x[[0, 1, 1, 0]], z[[0, 0, 1, 1]]], axis=1)
     sensors = flange[::3] @ pose
     if observed.eye_to_hand:
         sensors = [pose]
-        lines = [line @ T[:3, :3].T + T[:3, 3] for T in flange for line in lines]
+        lines = [carry(T[:3, :3], T[:3, 3], line) for T in flange for line in lines]
     else:
         for way in np.stack([flange[::3, :3, 3], sensors[:, :3, 3]], axis=2):
             axes.plot(*way, "--", color="0.6", lw=0.8, label="to the sensor's origin")
@@ -134,13 +133,10 @@ def save_plan(plan: Plan, path: Path) -> None:
     """Write the picture of a plan as a PNG file: the sensor's way, some fields of view,
     and the target; eye-to-hand, in the frame of the flange.
     """
-    use_style()
     model, predicted = plan.model, plan.predicted
     count = f"{len(plan.T) // 2} sweeps" if plan.speed else f"{len(plan.T)} poses"
-    figure, axes = in_space(
-        f"{count}: {predicted.mm:.2g} mm and {predicted.deg:.2g}° predicted",
-        "flange" if model.to_hand else "base",
-    )
+    title = f"{count}: {predicted.mm:.2g} mm and {predicted.deg:.2g}° predicted"
+    figure, axes = in_space(title, "flange" if model.to_hand else "base")
     R, T = model.planes(plan.R, plan.T)
     axes.plot(*T.T, ".-", color=BLUE, lw=0.8, label="sensor, on its way")
     z = np.repeat([model.scanner.near, model.scanner.far], 2)
@@ -168,7 +164,7 @@ def plot_profiles(
         return
     features = scan.target.find(scan.values, *scan.sizes)
     step = -(-len(features) // most)
-    words = f" (one in {step} is drawn)" * (step > 1)
+    words = f" (one in {step} is drawn)" if step > 1 else ""
     drawn = range(0, len(features), step)
     for first in range(0, len(drawn), OF_PAGE):
         page = drawn[first : first + OF_PAGE]
@@ -181,15 +177,14 @@ def plot_profiles(
         figure, places = panels(rows, 4, 1.4, title, sharex=True, sharey=True)
         places[0].invert_yaxis()
         for axes, i in zip(places, page, strict=False):
-            values, feature, label = scan.values[i], features[i], scan.labels[i]
-            for points, colour in ((values, "0.6"), (values[feature.used], BLUE)):
-                axes.plot(*points.T, ".", ms=1.2, color=colour, rasterized=True)
-            if feature.found and scan.target.points:
-                axes.plot(*feature.points.T, "o", ms=5, mfc="none", mec=RED, mew=1.3)
-            note = "not found" if feature.reason else "rejected" * (label in rejected)
-            colour = RED if note else "0.2"
-            title = f"{label[:10]} {note}".strip()
-            axes.set_title(title, y=1, color=colour, fontsize=8)
+            profile, feature, label = scan.values[i], features[i], scan.labels[i]
+            axes.plot(*profile.T, **DOTS)
+            axes.plot(*profile[feature.used].T, ".", ms=1.5, color=BLUE)
+            if scan.target.points:
+                axes.plot(*feature.points.T, "o", ms=5, mfc="none", mec=RED)
+            note = "rejected" * (label in rejected) if feature.found else "not found"
+            colour = RED if note else "black"
+            axes.set_title(f"{label[:10]} {note}", color=colour, fontsize=8)
         for axes in places[len(page) :]:
             axes.axis("off")
         yield figure
@@ -205,16 +200,13 @@ def plot_residuals(found: Calibration) -> plt.Figure:
     every = zip(rows, found.scans, found.seen, *of_poses(found), strict=True)
     for axes, scan, seen, size, bad, limit in every:
         by_group = np.where(scan.group[seen] % 2, SKY, BLUE)
-        width = np.clip(300 / len(seen), 0.5, 8)
+        width = 300 / len(seen)
         axes.vlines(seen, 0, size, np.where(bad, RED, by_group), lw=width)
-        axes.plot(seen, limit, "--", color=RED, lw=1, label="limit of chance")
+        axes.plot(seen, limit, "--", color=RED, label="limit of chance")
         ticks = seen[:: 1 + len(seen) // 7]
         axes.set_xticks(ticks, [scan.labels[i][:8] for i in ticks])
-        axes.set(
-            xlabel="pose",
-            ylabel="residual / noise",
-            ylim=(0, 1.15 * max([*size[~bad], *limit])),
-        )
+        highest = 1.15 * max(*size[~bad], *limit)
+        axes.set(xlabel="pose", ylabel="residual / noise", ylim=(0, highest))
         inside = np.count_nonzero((size <= limit) & ~bad)
         title = f"chance explains {inside} of {len(seen)} residuals"
         axes.set_title(f"{scan.title or scan.kind}:\n{title}")
@@ -240,48 +232,51 @@ def plot_patterns(found: Calibration) -> plt.Figure:
     draw_patterns(places, found)
     for axes, means in zip(places, PATTERNS.values(), strict=True):
         axes.set_title(means, fontsize=8)
+    places[0].set_ylabel("off in z [mm]")
     return figure
 
 
 def draw_patterns(places: Sequence[Axes], found: Calibration) -> None:
-    """Draw how far the points kept are off in z, less the mean of all, over x, z, order
-    and orientation: the means of eight parts, and the band in which chance puts 95 % of
-    them, by the scatter of the profiles within the parts.
+    """Draw how far points are off in z over each of PATTERNS: the means of eight parts,
+    and the band in which chance puts 95 % of them, by the scatter of the profiles
+    within the parts.
     """
-    *over, off = map(np.concatenate, zip(*offsets(found), strict=True))
-    off = off - off.mean()  # a scale of z that is put back lifts all alike
-    some = slice(None, None, 1 + len(off) // 1500)
-    for axes, name, values in zip(places, PATTERNS, over, strict=True):
-        part, ends = pd.cut(values, 8, labels=False, retbins=True)
-        profiles = pd.Series(off).groupby([part, over[2]]).mean().groupby(level=0)
-        mean, freedom = profiles.mean(), profiles.size() - 1
-        variance = (profiles.var() * freedom).sum() / max(freedom.sum(), 1)
-        chance = 1.96 * np.sqrt(variance / (freedom + 1))
-        middle = (ends[1:] + ends[:-1])[mean.index] / 2
-        axes.fill_between(middle, -chance, chance, color=SKY, alpha=0.4, lw=0)
-        axes.plot(values[some], off[some], ".", ms=1.5, color="0.75")
-        axes.plot(middle, mean, "o-", ms=3, color=RED)
+    off = offsets(found)
+    some = off[:: 1 + len(off) // 1500]
+    for axes, name in zip(places, PATTERNS, strict=True):
+        part = pd.cut(off[name], 8)
+        profiles = off.groupby([part, "order"], observed=True)[[name, "off"]].mean()
+        parts = profiles.groupby(level=0, observed=True)
+        means = parts.mean()
+        scatter = profiles["off"] - parts["off"].transform("mean")
+        chance = 1.96 * scatter.std(ddof=len(means)) / np.sqrt(parts.size())
+        axes.fill_between(means[name], -chance, chance, color=SKY, alpha=0.4, lw=0)
+        axes.plot(some[name], some["off"], **DOTS)
+        axes.plot(means[name], means["off"], "o-", ms=3, color=RED)
         axes.set_xlabel(name)
         axes.tick_params(labelsize=8)  # four fit beside each other
-    places[0].set_ylabel("off in z [mm]")
-    places[-1].locator_params(axis="x", integer=True)
 
 
-def offsets(found: Calibration) -> Iterator[tuple[ndarray, ...]]:
-    """Of each scan's points kept: x, z, number of the profile, number of the
-    orientation, and how far they are off the target in z, all (n,).
+def offsets(found: Calibration) -> pd.DataFrame:
+    """Of each point kept, PATTERNS, and how far it is "off" the target in z, less the
+    mean of all.
     """
     solution = found.solution
     problem, state = solution.problem, solution.state
     group = problem.groups.group
     numbers = problem.split(np.arange(len(group)))
     every = zip(problem.terms, state.placements, numbers, solution.kept, strict=True)
+    rows = []
     for term, placement, number, kept in every:
         on_target = term.on_target(term.linearise(state, placement)).seen
         chosen = term.present[0] & kept
         x, z = term.seen[:, 0, chosen]
         pose = np.broadcast_to(number, chosen.shape)[chosen]
-        yield x, z, pose, group[pose], z - on_target[1, 0, chosen]
+        off = z - on_target[1, 0, chosen]
+        rows.append(np.c_[x, z, pose, group[pose], off])
+    table = pd.DataFrame(np.concatenate(rows), columns=[*PATTERNS, "off"])
+    table["off"] -= table["off"].mean()  # a scale of z that is put back lifts all alike
+    return table
 
 
 def plot_points(found: Calibration) -> plt.Figure:
@@ -291,11 +286,8 @@ def plot_points(found: Calibration) -> plt.Figure:
     x, z = np.linspace(middle - size, middle + size, 40).T
     sd = np.linalg.norm(found.point_sd_mm(*np.meshgrid(x, z)), axis=-1)
     figure, (axes,) = panels(1, 1, 4.0, "A point is known to … mm")
-    few = plt.MaxNLocator(4, steps=[1, 2, 5, 10])
-    lines = axes.contour(x, z, sd, locator=few, colors=BLUE, linewidths=1)
-    axes.clabel(lines, fmt="%.4g", fontsize=8)
-    some = seen[:, :: 1 + seen.shape[1] // 2000]
-    axes.plot(*some, ".", ms=1.5, color="0.6", label="seen")
+    axes.clabel(axes.contour(x, z, sd, 4, colors=BLUE), fmt="%.4g")
+    axes.plot(*seen[:, :: 1 + seen.shape[1] // 2000], **DOTS, label="seen")
     axes.set(xlabel="x [mm]", ylabel="z [mm]", ylim=(z[-1], z[0]))
     key(axes)
     return figure
@@ -312,11 +304,11 @@ def plot_directions(found: Calibration) -> plt.Figure:
     figure, (axes,) = panels(1, 1, 4.8, title)
     colours = np.select([known.sd >= 1, known.sd >= WEAK], [RED, ORANGE], GREEN)
     low = min(known.sd[-1] / 3, 0.01)
-    axes.barh(range(6), np.minimum(known.sd, 10), 0.3, color=colours)
+    axes.barh(range(6), known.sd, 0.3, color=colours)
     for y, (sd, direction) in enumerate(zip(known.sd, known.directions, strict=True)):
         size = size_direction(sd, direction) if sd < 1 else "unobservable"
         name = name_direction(direction, solution.rotation, found.frame)
-        text = fill(f"{name.replace(in_frame, '')}: {size}", 80)
+        text = f"{name.replace(in_frame, '')}:\n{size}"
         axes.text(1.1 * low, y - 0.2, text, fontsize=8, va="bottom")
     axes.set(xscale="log", xlim=(low, 10), ylim=(5.5, -0.8), yticks=[])
     axes.set_xlabel(f"standard deviation, near these poses; axes{in_frame}")
