@@ -42,6 +42,7 @@ notebooks: .venv/installed # execute the committed notebooks in place, keeping o
 	@jupyter nbconvert --log-level=WARN --to notebook --execute --inplace --ExecutePreprocessor.record_timing=False \
 	    --ClearMetadataPreprocessor.enabled=True --ClearMetadataPreprocessor.preserve_cell_metadata_mask=tags \
 	    --ClearMetadataPreprocessor.preserve_cell_metadata_mask=jupyter \
+	    --ClearMetadataPreprocessor.preserve_cell_metadata_mask=alt \
 	    --ClearMetadataPreprocessor.preserve_nb_metadata_mask=kernelspec \
 	    $(sort $(filter-out notebooks/00_%,$(wildcard notebooks/*.ipynb))) $(wildcard notebooks/00_*.ipynb)
 
