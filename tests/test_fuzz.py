@@ -45,8 +45,8 @@ def outcome(path, truth, checking):
     try:
         scan = pc.read_scan(path)
         if checking:
-            lines = check(scan)
-            assert all("\n" not in line for line in lines), lines
+            lines = [*check(scan)]
+            assert all("\n" not in text for _, text in lines), lines
         found = pc.calibrate(scan)
     except pc.ScanError as error:
         sentence = str(error)

@@ -1,6 +1,7 @@
-"""What a scan holds, in words, before any calibration: `profilecal check`."""
+"""What a scan holds, before any calibration: lines, each a name and a text."""
 
 from collections import Counter
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -14,44 +15,71 @@ from profilecal.joint.smooth import shifting
 from profilecal.scan.scan import Scan
 from profilecal.targets.observations import Observations
 
+Lines = Iterable[tuple[str, str]]
 # of the speed: what one screw in the base and one in the flange leave of twists that
 # are no more than those
 OPEN = 0.05
 
 
-def check(scan: Scan) -> list[str]:
-    """What a scan holds, before any calibration, in lines for people: convention,
-    groups, noise. Raises ScanError where no pose shows the target.
+def check(scan: Scan) -> Lines:
+    """What a scan holds: poses, groups, noise, motions; and notes on what it lacks.
+    Raises ScanError where no pose shows the target.
     """
     seen = observe(scan, 1)
     observed = as_observations(scan, seen)
-    lines = lines_on_poses(scan, len(seen.poses))
+    yield "target", scan.description
+    yield (
+        "poses",
+        f"{len(scan.labels)}, {scan.mount}, orientation as {scan.convention}; "
+        f"{len(seen.poses)} show the target",
+    )
+    yield from on_poses(scan)
     noise = "unknown before the calibration"
     if seen.typical_mm:
-        noise = (
-            f"{seen.typical_mm:.2g} mm of a feature's coordinates, "
-            "by the scatter in profiles"
-        )
-    lines.append(f"noise          {noise}")
+        size = f"{seen.typical_mm:.2g} mm of a feature's coordinates"
+        noise = f"{size}, by the scatter in profiles"
+    yield "noise", noise
     if scan.log:
-        lines += lines_on_motion(scan, observed)
-    remarks = [*seen.remarks, *doubts(scan)]
+        yield from on_motion(scan, observed)
     try:
         Problem([observed], Noise(1.0)).check_enough()
     except UnobservableError as error:
-        remarks.insert(0, str(error))
-    return [*lines, *(f"note           {remark}" for remark in remarks)]
+        yield "note", str(error)
+    for remark in (*seen.remarks, *doubts(scan)):
+        yield "note", remark
 
 
-def lines_on_motion(scan: Scan, observed: Observations) -> list[str]:
-    """What there is to say of sweeps, and whether they tell the delay."""
-    speed = np.linalg.norm(observed.twist[observed.moving[0], :3], axis=1)
-    count = len({*scan.group[scan.moving]})
-    return [
-        f"motion         {scan.moving.sum()} profiles in {count} sweeps, up to "
-        f"{speed.max():.0f} mm/s; {len(scan.log.t)} rows of the robot's log",
-        f"delay          {what_motions_tell(observed)}",
-    ]
+def on_poses(scan: Scan) -> Lines:
+    """Where the robot was, and how it was turned."""
+    reach = np.linalg.norm(scan.p_base_flange, axis=1)
+    yield "positions", f"{reach.min():.0f} to {reach.max():.0f} mm from the base"
+    sizes = Counter(np.bincount(scan.group).tolist())
+    groups = ", ".join(
+        f"{count} with {size} pose{'s' * (size > 1)}" for size, count in sizes.items()
+    )
+    name, of = "orientations", ""
+    if scan.log:
+        name, of = "groups", " of one orientation or sweep"
+    origin = "given" if scan.group_given else "found"
+    yield name, f"{scan.group.max() + 1}{of}, {origin}: {groups}"
+    (a, b, c), axis = turns(scan.R_base_flange)
+    about = f"about three axes, most about {name_axis(axis, 'flange')}"
+    yield "turns", f"{a:.1f}, {b:.1f}, {c:.1f}° rms {about}"
+    if np.hypot(b, c) < LEAST_TURN_DEG:
+        tilt = "add poses tilted by 15° or more about two axes"
+        yield "note", f"{tilt}, or something stays unknown"
+
+
+def on_motion(scan: Scan, observed: Observations) -> Lines:
+    """How fast sweeps were, and whether they tell the delay."""
+    speed = np.linalg.norm(observed.twist[:, :3], axis=1).max()
+    sweeps = len({*scan.group[scan.moving]})
+    yield (
+        "motion",
+        f"{scan.moving.sum()} profiles in {sweeps} sweeps, up to {speed:.0f} mm/s; "
+        f"{len(scan.log.t)} rows of the robot's log",
+    )
+    yield "delay", what_motions_tell(observed)
 
 
 def what_motions_tell(observed: Observations) -> str:
@@ -65,15 +93,15 @@ def what_motions_tell(observed: Observations) -> str:
     axes. Turns count as what they move 100 mm away.
     """
     R, p = observed.R_flange[0], observed.T_flange[0]
-    of_base = np.kron(np.eye(2), R.mT) @ shifting(p)
-    of_flange = np.broadcast_to(np.eye(6), of_base.shape)
     in_mm = np.repeat([1.0, 100.0], 3)
     twists = (observed.twist * in_mm).ravel()
+    of_base = np.kron(np.eye(2), R.mT) @ shifting(p)
+    of_flange = np.broadcast_to(np.eye(6), of_base.shape)
     left = []
-    for columns in (of_base, np.concatenate([of_base, of_flange], axis=2)):
-        rows = (columns * in_mm[:, None]).reshape(len(twists), -1)
-        screws = np.linalg.lstsq(rows, twists, rcond=1e-9)[0]
-        left.append(np.linalg.norm(twists - rows @ screws) / np.linalg.norm(twists))
+    for screws in (of_base, np.concatenate([of_base, of_flange], axis=2)):
+        rows = (screws * in_mm[:, None]).reshape(len(twists), -1)
+        off = twists - rows @ np.linalg.lstsq(rows, twists, rcond=1e-9)[0]
+        left.append(np.linalg.norm(off) / np.linalg.norm(twists))
     if left[1] > OPEN:
         return "these motions determine it"
     if left[0] < OPEN:
@@ -82,31 +110,3 @@ def what_motions_tell(observed: Observations) -> str:
         "these motions leave it open, and the sensor's pose with it: the scanner goes "
         "one way; drive the same sweeps backwards, or stop at eight places"
     )
-
-
-def lines_on_poses(scan: Scan, showing: int) -> list[str]:
-    """What there is to say of the poses, of which some show the target."""
-    reach = np.linalg.norm(scan.p_base_flange, axis=1)
-    angles, axis = turns(scan.R_base_flange)
-    sizes = Counter(np.bincount(scan.group).tolist())
-    groups = ", ".join(
-        f"{count} with {size} pose{'s' * (size > 1)}" for size, count in sizes.items()
-    )
-    label = "groups" if scan.log else "orientations"
-    alike = " of one orientation or sweep" if scan.log else ""
-    origin = "given" if scan.group_given else "found"
-    lines = [
-        f"target         {scan.description}",
-        f"poses          {len(scan.labels)}, {scan.mount}, orientation as "
-        f"{scan.convention}; {showing} show the target",
-        f"positions      {reach.min():.0f} to {reach.max():.0f} mm from the base",
-        f"{label:<15}{scan.group.max() + 1}{alike}, {origin}: {groups}",
-        f"turns          {angles[0]:.1f}, {angles[1]:.1f}, {angles[2]:.1f}° rms about "
-        f"three axes, most about {name_axis(axis, 'flange')}",
-    ]
-    if np.linalg.norm(angles[1:]) < LEAST_TURN_DEG:
-        lines.append(
-            "note           add poses tilted by 15° or more about two axes, "
-            "or something stays unknown"
-        )
-    return lines

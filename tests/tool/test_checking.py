@@ -9,10 +9,11 @@ from simulated import scan_of
 import profilecal as pc
 from profilecal.geometry.poses import rotations
 from profilecal_tool.checking import check
+from profilecal_tool.words import printed
 
 
 def said_of(scan):
-    return "\n".join(check(scan))
+    return printed(check(scan))
 
 
 def test_check_says_about_which_axis_the_flange_turns():

@@ -1,4 +1,3 @@
-"""The report on a calibration: its words, tables and pictures, on one page.
-
-In come calibrations and plans; out go matplotlib figures and HTML.
+"""A calibration on a page: words, pictures and clouds of points, which notebook 60 puts
+together.
 """
