@@ -50,7 +50,8 @@ class Shown:
 
 def words(sentences: Iterable[str]) -> Shown:
     """A list of sentences."""
-    whole = [f"{one[:1].upper()}{one[1:].rstrip('.')}." for one in sentences]
+    whole = [one[0].upper() + one[1:] for one in sentences]
+    whole = [one if one.endswith((".", "?", "!")) else f"{one}." for one in whole]
     items = "".join(f"<li>{escape(one, quote=False)}</li>" for one in whole)
     return Shown("\n".join(f"- {one}" for one in whole), f"<ul>{items}</ul>")
 
