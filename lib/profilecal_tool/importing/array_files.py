@@ -3,6 +3,7 @@
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,19 +54,16 @@ def numpy_arrays(path: Path) -> dict[str, ndarray]:
 
 def array_blocks(path: Path, arrays: Mapping[str, ndarray]) -> Iterator[Block]:
     """Arrays as tables: those of as many rows are one; points of profiles, another."""
-    alike, names = defaultdict(dict), defaultdict(list)
+    alike = defaultdict(dict)
     for name, array in arrays.items():
         if array.ndim and array.size:
             array = array.astype(array.dtype.newbyteorder("="), copy=False)
             columns = columns_of(name, array)
-            rows = len(next(iter(columns.values())))
-            alike[rows] |= columns
-            names[rows].append(name)
+            alike[len(next(iter(columns.values())))] |= columns
     for rows, columns in alike.items():
         cells = dict(enumerate(columns.values()))
         table = DataFrame(cells, range(1, rows + 1), copy=False)
-        name, *others = names[rows]
-        yield Block(path, table, [*columns], name="" if others else name)
+        yield Block(path, table, [*columns])
 
 
 def columns_of(name: str, array: ndarray) -> dict[str, ndarray]:
@@ -73,8 +71,6 @@ def columns_of(name: str, array: ndarray) -> dict[str, ndarray]:
     transposes, those of a point in each row.
     """
     columns = {}
-    if array.shape == OF_POSES[0]:
-        array = array[None]
     if array.ndim == 3 and array.shape[1:] not in OF_POSES:
         if array.shape[1] in (2, 3):
             array = array.swapaxes(1, 2)
@@ -89,12 +85,18 @@ def columns_of(name: str, array: ndarray) -> dict[str, ndarray]:
 
 
 def sheet_blocks(path: Path) -> Iterator[Block]:
-    """The tables of a workbook. Raises ScanError."""
+    """The tables of a workbook; in several sheets, blank rows part none.
+
+    Raises ScanError.
+    """
     try:
         sheets = read_excel(path, sheet_name=None, header=None)
     except Exception as error:  # of the archive, of its XML, of pandas
         raise ScanError(f"{path}: no workbook: is it damaged?") from error
-    for cells in sheets.values():
+    is_one = len(sheets) == 1
+    for name, cells in sheets.items():
         text = cells.to_csv(sep=";", header=False, index=False)
-        text = re.sub("(?m)^;+$", "", text)
-        yield from text_blocks(path, text.encode())
+        if is_one:
+            text, name = re.sub("(?m)^;+$", "", text), ""
+        for block in text_blocks(path, text.encode()):
+            yield replace(block, sheet=name)

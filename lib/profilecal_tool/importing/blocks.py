@@ -22,7 +22,6 @@ from profilecal_tool.importing.makers import (
 )
 from profilecal_tool.importing.questions import one_or_ask
 
-FEWEST = 8  # numbers behind one name that are a profile
 LARGEST = 16  # numbers of a pose, a matrix; a row of more without titles is a profile
 XYZ = ("x", "y", "z")
 KNOWN = "|".join(map(re.escape, sorted(UNITS, key=len, reverse=True)))
@@ -53,6 +52,7 @@ class Block:
     kind: str = "pose"  # of a program; or "tool", "base", "uses"
     called: str = ""  # what the file calls what is chosen
     chosen: dict[str, Column] = field(default_factory=dict)  # of a pose or point
+    sheet: str = ""  # that it is of, if there are several
 
     @property
     def is_bare(self) -> bool:
@@ -103,7 +103,7 @@ class Block:
         """
         columns = [column_titled(*one) for one in enumerate(self.titles)]
         for name, own in self.lists_among(columns).items():
-            is_long = len(own) > LARGEST if self.is_bare else len(own) >= FEWEST
+            is_long = len(own) > LARGEST
             axis = column_titled(0, name).role if name else "z"  # below its places
             if is_long and axis in XYZ:
                 roles, owner = [axis] * len(own), name

@@ -165,9 +165,9 @@ def which_hold_what(
     if layout.poses:
         poses = [layout.poses]
     others = [name for name in names if name not in poses]
-    profiles = [name for name in others if point_tables(first[name], layout)]
     # those of half as many files are something else, such as a reference
-    profiles = [name for name in profiles if 2 * count[name] > count[profiles[0]]]
+    most = [name for name in others if 2 * count[name] > count[others[0]]]
+    profiles = [name for name in most if point_tables(first[name], layout)]
     unclear = [name for name in others if name not in profiles]
     poses = poses or unclear[-1:]  # of fewest files
     pose = one_or_ask(folder, poses, "holds the poses", "poses")
@@ -192,19 +192,20 @@ def check_one_profile_a_pose(
     """Raise Question where several profiles are of one pose, and no one said which."""
     again = np.flatnonzero(rows[1:] == rows[:-1])
     if len(again) and not layout.profiles:
-        one, other = names[again[0]], names[again[0] + 1]
+        one, other, *_ = names[again[0] :]
         words = re.findall(r"[a-zA-Z]*\d+", one)
         part = next((word for word in words if word not in other), one)
-        sentence = f"{one} and {other} are of one pose; which of them? (all: '*')"
-        raise Question(f"{folder}: {sentence}", profiles=f"*{part}*")
+        raise Question(
+            f"{folder}: {one} and {other} are of one pose; which of them? (all: '*')",
+            profiles=f"*{part}*",
+        )
 
 
 def in_sweeps(folder: Path, entries: dict[str, Any], both: Times) -> dict[str, Any]:
     """Entries of a Scan in motion, from those of the log's poses. Raises ScanError."""
     times = both.profiles
     with naming(folder):
-        R, p = entries["R_base_flange"], entries["p_base_flange"]
-        log = checked_log(both.log, R, p)
+        log = checked_log(both.log, entries["R_base_flange"], entries["p_base_flange"])
         begins = np.diff(times, prepend=times[0]) > GAP * np.median(np.diff(times))
         sweeps = [f"s{number}" for number in np.cumsum(begins) + 1]
     moved = {"log": log, "times": times, "sweeps": tuple(sweeps)}

@@ -5,11 +5,10 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from profilecal.scan.conventions import CONVENTIONS, Convention
 from profilecal.scan.tables import ScanError, listed, naming
-from profilecal.scan.toml import TEXT, check_entries, one_of
 
 PATH = Path(__file__).with_name("makers.toml")
 with naming(PATH):
@@ -17,6 +16,7 @@ with naming(PATH):
 LENGTH_UNITS = TABLE["lengths"]
 ANGLE_UNITS = TABLE["angles"]
 TIME_UNITS = TABLE["times"]
+ENCODINGS = TABLE["encodings"]
 UNITS = LENGTH_UNITS | ANGLE_UNITS
 UNIT_OF_CODE = {float(code): unit for code, unit in TABLE["scanners"].items()}
 WORDS = {name: {*words.split()} for name, words in TABLE["words"].items()}
@@ -31,24 +31,24 @@ for roles, words in TABLE["lists"].items():
         ROLES_OF_LIST[word, len(roles.split())].append(roles.split())
 
 
-Lines = Annotated[Sequence[str], (lambda value: isinstance(value, list), "a list")]
-
-
 @dataclass(frozen=True)
 class Robot:
     """A row of [[robot]]; the head of makers.toml says what each entry is."""
 
-    maker: Annotated[str, TEXT]
-    pose: Lines
-    examples: Lines
+    maker: str
+    pose: Sequence[str]
+    examples: Sequence[str]
     has: str = ""
     remark: str = ""
-    tool: Lines = ()
-    base: Lines = ()
-    uses: Lines = ()
-    tools_in: Annotated[str, TEXT] = "tool"
-    unit: Annotated[str, one_of(LENGTH_UNITS)] = "mm"
-    angle: Annotated[str, one_of(ANGLE_UNITS)] = ""
+    tool: Sequence[str] = ()
+    base: Sequence[str] = ()
+    uses: Sequence[str] = ()
+    tools_in: str = "tool"
+    unit: str = "mm"
+    angle: str = ""
+
+
+ROBOTS = {row["maker"]: Robot(**row) for row in TABLE["robot"]}
 
 
 def scale_of(
@@ -59,8 +59,9 @@ def scale_of(
     """
     unit, *others = units or {usual}
     if others or unit not in among:
-        sentence = f"the units are {listed(sorted(units))}; expected one of"
-        raise ScanError(f"{place}: {sentence} {listed(among)}")
+        raise ScanError(
+            f"{place}: units are {listed(sorted(units))}; expected: {listed(among)}"
+        )
     return among[unit], unit
 
 
@@ -69,18 +70,3 @@ def convention_of(roles: Iterable[str]) -> Convention | None:
     names = {*roles}
     fitting = (one for one in CONVENTIONS if names.issuperset(one.columns))
     return next(fitting, None)
-
-
-def robots_in(rows: Iterable[dict]) -> dict[str, Robot]:
-    """The rows of [[robot]] by their makers. Raises ScanError."""
-    robots = {}
-    for count, row in enumerate(rows, start=1):
-        check_entries(PATH, row, Robot, f"robot {row.get('maker', count)}")
-        robot = Robot(**row)
-        if robot.maker in robots:
-            raise ScanError(f"{PATH}: two rows of {robot.maker}: make them one")
-        robots[robot.maker] = robot
-    return robots
-
-
-ROBOTS = robots_in(TABLE["robot"])

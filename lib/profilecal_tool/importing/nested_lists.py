@@ -70,16 +70,15 @@ def array_of_cells(title: str, cells: Series) -> ndarray:
     """
     if not any(isinstance(cell, list) for cell in cells):
         return cells.to_numpy()
-    missing = zip(cells, cells.isna(), strict=True)
     try:
-        lists = [np.array([] if is_missing else c, float) for c, is_missing in missing]
+        lists = [np.array(c if isinstance(c, list) else [], float) for c in cells]
         nothing = np.full(max(lists, key=np.ndim).shape[1:], np.nan)
         array = np.array([*zip_longest(*lists, fillvalue=nothing)]).swapaxes(0, 1)
     except (TypeError, ValueError):
         return cells.astype(str).to_numpy()
     if array.ndim == 2 and title in WORDS["whole_profile"]:
         array = array.reshape(len(cells), -1, 3)
-    return array[0] if array.ndim > 2 and len(array) == 1 else array
+    return array
 
 
 def numbered_rows(node: dict) -> list[dict]:

@@ -59,7 +59,7 @@ def pair_profiles(
         found = by_time or paired_in_order(poses, driven, names, times)
     if found.times:
         return found
-    lost = [name for name, row in zip(names, found.rows, strict=True) if row < 0]
+    lost = [names[k] for k in np.flatnonzero(found.rows < 0)]
     served, how = {*found.rows}, found.how
     idle = [label for row, label in enumerate(labels) if row not in served]
     for what, left in (("pose", lost), ("profile", idle)):

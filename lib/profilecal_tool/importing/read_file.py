@@ -1,14 +1,13 @@
 """A file of any kind as blocks."""
 
 import re
-from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from profilecal.scan.tables import ScanError, naming, text_of
 from profilecal_tool.importing.array_files import binary_blocks, sheet_blocks
 from profilecal_tool.importing.blocks import Block
-from profilecal_tool.importing.makers import FOREIGN
+from profilecal_tool.importing.makers import ENCODINGS, FOREIGN
 from profilecal_tool.importing.nested_lists import nested_blocks
 from profilecal_tool.importing.program_lines import program_blocks
 from profilecal_tool.importing.text_tables import BEGIN, text_blocks
@@ -17,7 +16,6 @@ SHEETS = {".xlsx", ".xlsm"}
 BINARY = {".npy", ".npz", ".mat", ".ply"}
 NESTED = {".json", ".yaml", ".yml"}
 LARGEST_PROGRAM = 2_000_000  # characters
-ENCODINGS = ("cp1252", "gb18030", "shift_jis", "big5", "cp949", "cp1251")
 
 
 def tables_in_file(path: Path, encoding: str) -> Iterable[Block]:
@@ -33,10 +31,8 @@ def tables_in_file(path: Path, encoding: str) -> Iterable[Block]:
     programs = [*program_blocks(path, text)] if len(text) < LARGEST_PROGRAM else []
     if any(block.kind != "uses" for block in programs):
         return programs
-    content = text.encode()
-    del text
     with naming(path):
-        return [*text_blocks(path, content), *programs]
+        return [*text_blocks(path, text.encode()), *programs]
 
 
 def decoded_text(path: Path, encoding: str) -> str:
@@ -49,11 +45,13 @@ def decoded_text(path: Path, encoding: str) -> str:
         if encoding or not isinstance(error.__cause__, UnicodeDecodeError):
             raise
         begin = path.read_bytes()[:BEGIN]
-    known = {}
-    for name in ENCODINGS:
+
+    def words_known(name: str) -> int:
+        """How many words are known, in this encoding."""
         words = re.findall(r"[^\W\d]+|°", begin.decode(name, "ignore").lower())
-        known[name] = sum(word in FOREIGN for word in words)
-    return text_of(path, encoding=max(known, key=known.get))
+        return sum(word in FOREIGN for word in words)
+
+    return text_of(path, encoding=max(ENCODINGS, key=words_known))
 
 
 def names_of(paths: Collection[Path]) -> list[str]:
@@ -68,5 +66,5 @@ def is_known(path: Path) -> bool:
     """Whether a file can be read: it is no picture."""
     with path.open("rb") as file:
         begin = file.read(4096)
-    is_text = begin[:2] in (BOM_UTF16_LE, BOM_UTF16_BE) or b"\0" not in begin
+    is_text = begin[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" not in begin  # UTF-16
     return is_text or path.suffix.lower() in BINARY | SHEETS

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas
-from pandas import DataFrame
+from pandas import DataFrame, concat
 
 from profilecal.scan.conventions import CONVENTIONS, named
 from profilecal.scan.folder import check_poses
@@ -26,7 +25,6 @@ from profilecal_tool.importing.makers import (
     LENGTH_UNITS,
     ROBOTS,
     WORDS,
-    convention_of,
     scale_of,
 )
 from profilecal_tool.importing.questions import Layout, Question
@@ -34,6 +32,9 @@ from profilecal_tool.importing.read_file import names_of
 
 FARTHEST_M = 20.0  # no robot reaches so far; a position in mm is farther somewhere
 KINDS = "w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector; o,a,t; qw,qx,qy,qz"
+OF_POSES = {*XYZ, *(name for one in CONVENTIONS for name in one.columns)}
+FANUC = named("FANUC angles").columns
+QUATERNION = ("qx", "qy", "qz", "qw")  # in the order that most libraries have
 OF_ANGLES = {name for one in CONVENTIONS if one.sequence for name in one.columns}
 
 
@@ -65,18 +66,19 @@ def robot_poses(files: Files, layout: Layout) -> Block:
     first = parts[0]
     is_asked_for = layout.entry and layout.entry.lower() in first.called.lower()
     if is_of_other(first.called) and not is_asked_for:
-        sentence = f"poses are of {first.called}; are they the flange's?"
-        raise Question(f"{first.path}: {sentence}", entry=first.called)
+        sentence = f"{first.path}: poses are of {first.called}; are they the flange's?"
+        raise Question(sentence, entry=first.called)
     called = f"{first.path.name} {first.called}".strip()
     if any(word in called.lower() for word in WORDS["inverse"]):
-        sentence = f"{called} is called as the inverse of a pose"
-        raise ScanError(f"{first.path.parent}: {sentence}: invert it, or rename it")
+        raise ScanError(
+            f"{first.path.parent}: {called} is called as the inverse: invert or rename"
+        )
     titles = first.titles
     for part in parts:
         if part.titles != titles:
             found = listed(part.titles)
             raise ScanError(f"{part.path}: columns {found}, where others differ")
-    table = pandas.concat([part.table for part in parts])
+    table = concat([part.table for part in parts])
     if len(files) > 1:
         name_of = dict(zip(files, names_of(files), strict=True))
         labels = [name_of[own.path] for own in parts for _ in own.table.index]
@@ -99,19 +101,19 @@ def question_on_columns(
     block: Block, sentence: str, columns: list[Column]
 ) -> ScanError:
     """What columns of poses are, by an answer that may be right: what is missing stands
-    in the columns of numbers that are not known, in the usual order.
+    in the columns of numbers that are not known, in the usual order. Of columns that
+    are called alike, the first is known; roles of angles are forgotten if need be.
     """
     sentence = f"{block.path}: columns {listed(block.titles)}; {sentence} ({KINDS})"
     numeric = block.table.select_dtypes("number")
-    free = [column.at for column in columns if not column.role and column.at in numeric]
-    roles = {column.role for column in columns}
-    wanted = [axis for axis in XYZ if axis not in roles]
-    if not convention_of(roles):
-        usual = "quaternion" if len(free) - len(wanted) == 4 else "FANUC angles"
-        order = [named(usual), *CONVENTIONS]
-        begun = max(order, key=lambda one: len(roles.intersection(one.columns)))
-        wanted += [name for name in begun.columns if name not in roles]
-    if len(wanted) > len(free):
+    posed = [c for c in columns if c.at in numeric and c.role in {"", *OF_POSES}]
+    for kept in (OF_POSES, XYZ):
+        known = {c.role: c.at for c in reversed(posed) if c.role in kept}
+        free = [c.at for c in posed if c.at not in known.values()]
+        wanted = missing_roles({*known}, len(free), "q1" in block.titles)
+        if len(wanted) <= len(free):
+            break
+    else:
         return ScanError(sentence)
     guessed = dict(zip(free, wanted, strict=False))
     turns = [c.at for c in columns if guessed.get(c.at, c.role) in OF_ANGLES]
@@ -120,9 +122,22 @@ def question_on_columns(
     titles = []
     for column in columns:
         unit = column.unit or (small if column.at in turns else "")
-        name = guessed.get(column.at, column.name) or "_"
+        own = f"{column.owner}_{column.role}" if column.role else column.name
+        name = guessed.get(column.at, own).strip("_") or "_"
         titles.append(f"{name} [{unit}]" if unit else name)
     return Question(sentence, pose_columns=",".join(titles))
+
+
+def missing_roles(known: set[str], free: int, is_abb: bool) -> list[str]:
+    """The roles of a pose beside those that are known, for so many columns; ABB's q1
+    is qw.
+    """
+    wanted = [axis for axis in XYZ if axis not in known]
+    begun = max(CONVENTIONS, key=lambda one: len(known.intersection(one.columns)))
+    turn = begun.columns
+    if known.isdisjoint(turn) and not is_abb:
+        turn = QUATERNION if free - len(wanted) == 4 else FANUC
+    return wanted + [name for name in turn if name not in known]
 
 
 def length_of(poses: Block) -> tuple[float, str]:
@@ -149,7 +164,7 @@ def angle_of(poses: Block) -> tuple[float, str]:
         columns = [*poses.columns]
         if not turn.sequence:  # most often they are no vector
             for role, column in zip("xyzwpr", poses.chosen.values(), strict=True):
-                columns[column.at] = column._replace(name=role, role=role)
+                columns[column.at] = column._replace(role=role)
         raise question_on_columns(poses, doubt, columns)
     scale, unit = scale_of(poses.path, units, usual, ANGLE_UNITS)
     return scale / ANGLE_UNITS[usual], f", {unit}"

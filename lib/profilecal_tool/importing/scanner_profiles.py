@@ -12,7 +12,7 @@ from pandas import Series
 from profilecal.scan.scan import FARTHEST_MM
 from profilecal.scan.tables import ScanError, cell_number, listed
 from profilecal_tool.importing.blocks import (
-    FEWEST,
+    LARGEST,
     Block,
     Column,
     Files,
@@ -38,10 +38,8 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     beside is repeated. Raises ScanError where x is nowhere.
     """
     x, z = block.having("x"), block.having("z")
-    if len(z) < FEWEST:
+    if len(z) <= LARGEST:
         return block
-    if block.having("axis"):
-        raise ScanError(f"{block.path}: rows of x and of z in turn; export points")
     heights = block.numbers(z, blank=True)
     places = np.broadcast_to(places_of(block, x, z, layout), heights.shape)
     beside = block.table.drop(columns=[column.at for column in (*x, *z)])
@@ -103,13 +101,15 @@ def points_in(block: Block, said: str) -> Block | None:
 
 def columns_called(block: Block, said: str) -> list[Column]:
     """The columns of a block by their titles or numbers, of those that are there; with
-    the units that are said.
+    the units that are said. Raises ScanError for more than two.
     """
     known = {str(column.at + 1): column for column in block.columns}
     known |= {column.name: column for column in block.columns}
     titles = [column_titled(0, title) for title in said.split(",")]
-    found = [(known.get(title.name), title.unit) for title in titles]
-    return [one._replace(unit=unit or one.unit) for one, unit in found if one]
+    if len(titles) > 2:
+        raise ScanError(f"--columns {said}: expected two, of x and z")
+    there = [(known[title.name], title.unit) for title in titles if title.name in known]
+    return [one._replace(unit=unit or one.unit) for one, unit in there]
 
 
 def point_tables(blocks: list[Block], layout: Layout) -> list[Block]:
@@ -142,21 +142,21 @@ def read_profiles(
         if not tables and any(len(block.table) > 1 for block in blocks):
             raise question_on_points(blocks, layout.columns)
         if len(tables) > 1 and tables[0].is_bare and not is_alone:
-            sentence = f"{len(tables)} tables of points; expected one"
-            raise ScanError(f"{path}: {sentence}: give titles, or no blank lines")
+            raise ScanError(
+                f"{path}: {len(tables)} tables: give titles, or no blank lines"
+            )
         rows = []
         for points in tables:
             in_it = expected if len(tables) == 1 or expected == 1 else 0
             profile, own = profile_of_each_row(points, in_it)
             check_one_section(points, profile, layout)
             each = np.bincount(profile)
-            names += own or [""] * len(each)
+            names += own or [points.sheet] * len(each)
             rows += [*each]
         counts += rows if is_alone else [sum(rows)]  # a table may go on
         parts += tables
     if not parts:
-        where = f" where {layout.where}" if layout.where else ""
-        raise ScanError(f"{path}: no profiles in it{where}")
+        raise ScanError(f"{path}: no profiles in rows where {layout.where or 'any'}")
     block, columns = parts[0], parts[0].chosen.values()
     taken["columns"] = ",".join(block.title(column.at) for column in columns)
     xz = np.concatenate([part.numbers_of("xz", blank=True) for part in parts])
@@ -196,10 +196,10 @@ def check_one_section(block: Block, profile: ndarray, layout: Layout) -> None:
     for column in block.having("y", "sensor", "label"):
         is_y, is_label = column.role == "y", column.role == "label"
         cells = block.table[column.at]
-        each = cells.groupby(profile).agg(["nunique", "size"])
-        counts_points = is_label and (2 * each["nunique"] > each["size"]).any()
+        each = cells.groupby(profile).nunique()
+        counts_points = is_label and (2 * each > np.bincount(profile)).any()
         is_wanted = column in (x, z) or layout.where == f"{column.name}=*"
-        if each["nunique"].max() < 2 or counts_points or is_wanted:
+        if each.max() < 2 or counts_points or is_wanted:
             continue
         values = sorted(cells.dropna().unique())
         sentence = f"{block.path}: {column.name} is {values[0]} to {values[-1]}"
@@ -234,6 +234,8 @@ def in_mm(
     xz[unseen] = np.nan
     if unseen.all():
         raise ScanError(f"{path}: nothing was seen in any profile")
+    if layout.missing in (None, *codes):
+        check_codes(path, xz[~unseen], layout)
     of_codes = {UNIT_OF_CODE.get(code, "") for code in codes} - {""}
     said = {layout.unit} - {""} or units or of_codes
     scale, unit = scale_of(path, said, "mm", LENGTH_UNITS)
@@ -254,3 +256,23 @@ def in_mm(
         likely = min(LENGTH_UNITS, key=lambda u: abs(np.log(LENGTH_UNITS[u] / times)))
         raise Question(f"{path}: {sentence}; is it {hint}", unit=likely)
     return xz
+
+
+def check_codes(path: Path, xz: ndarray, layout: Layout) -> None:
+    """Raise Question where a height is farther from all other points than these are
+    from each other, and recurs or is very large: it may stand for nothing seen.
+    """
+    z = xz[:, 1]
+    for code in (z.min(), z.max()):
+        others = xz[z != code]
+        count = len(z) - len(others)
+        if len(others) < 2 or (count < 2 and abs(code) < FARTHEST_MM):
+            continue
+        if np.abs(others[:, 1] - code).min() > np.ptp(others, axis=0).max():
+            found = (
+                f"{path}: z is {code:.12g} at {count} of {len(z)} points, far from all"
+            )
+            if layout.missing is not None:
+                raise ScanError(f"{found}: a second code? leave them blank")
+            hint = "was nothing seen there? (else: --missing 1e9)"
+            raise Question(f"{found}; {hint}", missing=code)

@@ -51,9 +51,9 @@ def of_one_frame(
     if not poses.robot:  # a program's first is what the first move has
         names.sort(key=lambda name: name not in WORDS["no_frame"])
     if len(names) > 1:
-        sentence = f"moves have {which}s {listed(names)}; of which are the poses?"
+        several = f"{poses.path}: moves have {which}s {listed(names)}"
         answer = f"{which}={max(names, key=used.count)}"
-        raise Question(f"{poses.path}: {sentence}", where=answer)
+        raise Question(f"{several}; of which are the poses?", where=answer)
     return poses, "".join(names)
 
 
@@ -114,8 +114,10 @@ def frame_of_tool(
     if used or frames:
         which = f"tool {used}" if used else "a tool"
         has = f"{len(frames)} frames are" if frames else "frame is not"
-        sentence = f"poses are of {which}, whose {has} here; mm, and angles?"
-        raise Question(f"{poses.path}: {sentence}", tool=TO_FILL_IN)
+        raise Question(
+            f"{poses.path}: poses are of {which}, whose {has} here; mm, and angles?",
+            tool=TO_FILL_IN,
+        )
     if declared:
         names = " or ".join(sorted(declared))
         answer = names if len(declared) == 1 else "NAME"

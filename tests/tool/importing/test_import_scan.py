@@ -26,6 +26,7 @@ from makers_table import README, with_table
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from openpyxl import load_workbook
+from pandas import DataFrame, ExcelWriter
 from peoples_files import (
     POSES,
     PROFILES,
@@ -43,7 +44,7 @@ from profilecal.scan.conventions import from_rotations, named
 from profilecal.scan.folder import read_scan
 from profilecal.scan.tables import ScanError
 from profilecal_tool.importing.import_scan import Layout, import_scan
-from profilecal_tool.importing.makers import ROBOTS, robots_in
+from profilecal_tool.importing.makers import ROBOTS
 from profilecal_tool.importing.program_lines import matches_of, program_blocks
 from profilecal_tool.importing.questions import Question
 
@@ -97,7 +98,7 @@ def named_profiles(name, titles="x,z", encoding="utf-8", begin=0):
     return write
 
 
-def points_of(titles, *columns, scale=1.0):
+def points_of(titles, *columns, scale=1.0, nothing=""):
     """Profiles in a table each, with further columns for every point, or none."""
 
     def write(folder):
@@ -107,7 +108,7 @@ def points_of(titles, *columns, scale=1.0):
                 for column in columns or ("",)
                 for j, point in enumerate(points)
             ]
-            lines = [line.strip(",").replace("nan", "") for line in lines]
+            lines = [line.strip(",").replace("nan", nothing) for line in lines]
             write_lines(folder / f"p{k}.csv", [titles] * bool(titles) + lines)
 
     return people.tum, write
@@ -142,6 +143,20 @@ def transforms(folder):
     write_lines(folder / "tf.yaml", ["\n---\n".join(documents)])
 
 
+def lists_of_four(folder):
+    """As most libraries have quaternions."""
+    rows = [
+        {"position": [*position.values()], "orientation": [*turn.values()]}
+        for position, turn in people.samples()
+    ]
+    (folder / "poses.json").write_text(json.dumps(rows))
+
+
+def with_a_far_point(folder):
+    people.one_each(folder)
+    edited("scan_003.csv", "nan,nan", "1e6,1e6")(folder)
+
+
 of_camera = listed("cam_x,cam_y,cam_z,cam_a,cam_b,cam_c")
 
 
@@ -160,6 +175,20 @@ declared = functools.partial(people.abb, used=False)
 
 
 ASKED = {
+    "a code": (*points_of("x,z", nothing="-1"), "z is -1 at 12 of 240 points"),
+    "a far point": (people.tum, with_a_far_point, "1000000 at 1 of 229"),
+    "lists of four": (lists_of_four, people.one_each, "what are they"),
+    "German angles": (
+        listed("X-Pos;Y-Pos;Z-Pos;Winkel X;Winkel Y;Winkel Z", (), "FANUC angles"),
+        people.one_each,
+        "what are they",
+    ),
+    "called as in quaternions": (
+        listed("X,Y,Z,Rot X,Rot Y,Rot Z", (), "FANUC angles"),
+        people.one_each,
+        "what are they",
+    ),
+    "one title twice": (listed("X,X,Z,A,B,C"), people.one_each, "X, X, Z"),
     "inches": (*points_of("x,z", scale=1 / 25.4), "mm wide, up to"),
     "no titles": (
         listed("", (), "FANUC angles", 0.001, np.pi / 180),
@@ -274,6 +303,14 @@ def in_one_json(folder):
     (folder / "samples.json").write_text(json.dumps([*samples]))
 
 
+def sheets(folder):
+    """A sheet for each profile, with blank rows where nothing was seen."""
+    with ExcelWriter(folder / "profiles.xlsx") as book:
+        for k, points in enumerate(scan().values):
+            table = DataFrame(points, columns=["x", "z"])
+            table.to_excel(book, sheet_name=f"scan_{k:03d}", index=False)
+
+
 def nothing(folder):
     """No more files."""
 
@@ -351,6 +388,7 @@ PAIRED = {
     "points": (in_one_table, nothing, "in order"),
     "JSON": (in_json, nothing, "by the names"),
     "samples": (in_one_json, nothing, "in order"),
+    "sheets": (people.csv, sheets, "by the names"),
 }
 
 
@@ -402,6 +440,11 @@ TOOLS = {
         ("tooldata tScan", "tooldata tOther"),
         "tscan, whose frame",
     ),
+    "a vector": (
+        listed("x,y,z,rx,ry,rz", (), "rotation vector"),
+        None,
+        "rx, ry, rz: a rotation vector",
+    ),
     "a base": (people.kuka, ("BASE_NO 0", "BASE_NO 2", 12), "in base 2, not taken off"),
     "a frame in the program": (
         people.kuka,
@@ -450,7 +493,7 @@ def test_a_tool_or_base_is_taken_off_or_named(name, tmp_path):
         edited(others[0].name, *change)(folder)
     try:
         taken = read(folder)[1]
-        said = f"{taken['poses']}; {taken['tool']}"
+        said = "; ".join(taken.values())
     except Question as question:
         said = " ".join([str(question), *map(str, question.answer.values())])
     assert words in said
@@ -465,9 +508,10 @@ def test_targets_are_taken_in_the_order_driven(tmp_path):
 
 SAID = {
     "no rows where y=0; the columns are .* x, z": {"where": "y=0"},
-    "no profiles in it where x=7": {"where": "x=7"},
+    "no profiles in rows where x=7": {"where": "x=7"},
     "--pose-columns says x,y": {"pose_columns": "x,y"},
     "x and z are one column": {"columns": "2,2"},
+    "_,x,z,_: expected two": {"columns": "_,x,z,_"},
     "no Hoehe in columns x, z": {"columns": "x,Hoehe"},
     "no entry flnage; the entries are": {"entry": "flnage"},
 }
@@ -481,6 +525,11 @@ def test_what_is_said_of_columns_holds_for_those_that_are_there(tmp_path):
     folder = people.written(tmp_path / "camera", of_camera)
     with pytest.raises(Question, match="poses are of cam"):
         read(folder, entry="x,z")  # as profiles are called
+    folder = people.written(tmp_path / "codes", *points_of("x,z", nothing="9999"))
+    edited("p3.csv", "9999", "-1", 2)(folder)
+    edited("p4.csv", "9999", "-1", 2)(folder)
+    with pytest.raises(ScanError, match="a second code"):
+        read(folder, missing=9999)
 
 
 # what is wrong, and what is said of it
@@ -571,7 +620,6 @@ MISTAKES = {
     ),
     "an inverse": (people.matrices, inverted, "is called as the inverse"),
     "fewer": (people.tum, lost("scan_003.csv"), "11 profiles for 12 poses"),
-    "one title twice": (people.csv, edited("robot.csv", "Y [", "X ["), "2,Z .* or 3,Z"),
     "units": (people.csv, edited("robot.csv", "Y [mm]", "Y [m]"), "units are m, mm"),
     "other tool": (people.fanuc, edited("CALIB.LS", "UT : 0", "UT : 3"), "tools 3, 0"),
     "word": (
@@ -687,29 +735,6 @@ def test_a_pattern_takes_a_whole_name_and_stands_in_its_own_line():
     assert table["name"].tolist() == ["7"]
     table, _ = matches_of(["{X $x}"], "home\n\n  {X 5}")
     assert table.index.tolist() == [3]
-
-
-ROW = {
-    "maker": "Acme",
-    "pose": ["TO $name ($x,$y,$z,$w,$p,$r)"],
-    "examples": ["TO P7 (400.5,0,300,180,0,90)"],
-}
-MISTYPED = {
-    "key": ({"exmples": ["TO P7"]}, r"unknown entry 'exmples' in \[robot Acme\]"),
-    "kind": ({"pose": "TO $x"}, r"pose is .* in \[robot Acme\]; expected a list"),
-    "unit": ({"unit": "feet"}, "unit is 'feet'"),
-    "missing": ({"maker": None}, r"maker is missing in \[robot 2\]"),
-    "maker": ({}, "two rows of Acme"),
-}
-
-
-@pytest.mark.parametrize("mistake", MISTYPED)
-def test_a_mistyped_row_of_the_table_is_named(mistake):
-    assert robots_in([ROW])["Acme"].unit == "mm"
-    change, sentence = MISTYPED[mistake]
-    with pytest.raises(ScanError, match=sentence) as caught:
-        robots_in([ROW, {k: v for k, v in (ROW | change).items() if v}])
-    assert "makers.toml" in str(caught.value)
 
 
 def test_the_readme_has_the_table():
