@@ -94,7 +94,10 @@ def what_motions_tell(observed: Observations) -> str:
     """
     R, p = observed.R_flange[0], observed.T_flange[0]
     in_mm = np.repeat([1.0, 100.0], 3)
-    twists = (observed.twist * in_mm).ravel()
+    twist = observed.twist
+    if observed.eye_to_hand:  # that of the base's origin, from that of the flange's
+        twist = np.matvec(shifting(np.matvec(R.mT, p)), twist)
+    twists = (twist * in_mm).ravel()
     of_base = np.kron(np.eye(2), R.mT) @ shifting(p)
     of_flange = np.broadcast_to(np.eye(6), of_base.shape)
     left = []

@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 from simulated import scan_of
 
 import profilecal as pc
-from profilecal.geometry.poses import rotations
+from profilecal.geometry.poses import homogeneous, rotations
+from profilecal.scan.scan import MOUNTS
 from profilecal_tool.checking import check
 from profilecal_tool.words import printed
 
@@ -51,3 +53,26 @@ def test_check_says_whether_motions_tell_the_delay(motion, sentence):
     assert sentence in said
     refused = pc.calibrate(scan).status == "unobservable"
     assert refused == ("with it" in sentence)
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+@pytest.mark.parametrize("screw_in", MOUNTS.values())
+def test_check_knows_which_screw_hides_the_delay(mount, screw_in):
+    rng = np.random.default_rng(1)
+    turns = rotations(0.5 * rng.normal(size=(6, 1, 3)))
+    starts = homogeneous(turns, 100 * rng.normal(size=(6, 1, 3)) + [500, 100, 400])
+    t = np.arange(0, 1, 0.01)
+    screw = np.array([0.2, 0.1, -0.3, 60, -30, 20])
+    steps = RigidTransform.from_exp_coords(np.outer(t, screw)).as_matrix()
+    T = steps @ starts if screw_in == "base" else starts @ steps
+    times = np.add.outer(10.0 * np.arange(6), t).ravel()
+    scan = pc.Scan.of(
+        "edge",
+        points=[0, 90] + rng.normal(size=(len(times), 2)),
+        log=(times, T.reshape(-1, 4, 4)),
+        times=times,
+        sweeps=np.repeat([*"abcdef"], len(t)),
+        mount=mount,
+    )
+    moves = "with it" if screw_in == MOUNTS[mount] else "shifts the target"
+    assert moves in dict(check(scan))["delay"]

@@ -100,7 +100,8 @@ class Observations:
         """How the flange moves by itself, as seen from the target: its velocity, mm/s,
         and angular velocity, rad/s, along its own axes, (P, 6), of the first problem.
 
-        Eye-to-hand, the "flange" is the base, and the target moves.
+        Eye-to-hand, the "flange" is the base, and the target moves: it is the twist of
+        the base as seen from the flange, at the flange's origin.
         """
         moving = self.moving[0]
         twist = np.zeros((len(moving), 2, 3))
