@@ -68,7 +68,7 @@ def test_check_knows_which_screw_hides_the_delay(mount, screw_in):
     times = np.add.outer(10.0 * np.arange(6), t).ravel()
     scan = pc.Scan.of(
         "edge",
-        points=[0, 90] + rng.normal(size=(len(times), 2)),
+        points=rng.normal([0, 90], size=(len(times), 2)),
         log=(times, T.reshape(-1, 4, 4)),
         times=times,
         sweeps=np.repeat([*"abcdef"], len(t)),
