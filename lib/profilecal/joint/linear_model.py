@@ -122,11 +122,9 @@ class Factors:
         W = of_profiles.reshape(S, bundles, -1, columns)
         b = np.zeros((S, self.count, axes, columns))
         c = np.zeros_like(b)
-        E_W = np.empty((S, bundles, axes, columns))
         for part in parts_of(len(Z), Z[:1].size):
             np.matmul(self.root[:, part], Z[part], out=of_profiles[:, part])
-            np.matmul(self.W_E[:, part].mT, W[:, part], out=E_W[:, part])
-        add_up(c, self.rows.groups, E_W)
+            add_up(c, self.rows.groups[part], self.W_E[:, part].mT @ W[:, part])
         for node in self.nodes[:0:-1]:
             beta = node.Ms @ c[:, node.level.groups]
             add_up(c, node.level.parents, beta / node.s)
@@ -495,19 +493,15 @@ class LinearModel:
         `known`: `Posterior.whole`.
         """
         rows = self.rows
-        _, (W,), (c,) = factors.solve(rows.Z)
-        P, X, w = self.precisions(factors, known, W)
+        P, X, w, c = self.precisions(factors, known)
         slope, moves = self.of_groups(factors, known, c)
         F = rows.E @ moves[rows.groups, None]  # M_k w of what profiles share,
         own = rows.parts @ w[..., None]  # and of what is one profile's
         F[..., rows.errors] += np.moveaxis(own[..., 0], 0, -1)
         slope[rows.errors] += np.tensordot(rows.parts, P, 4)
         slope -= np.tensordot(w, F, 3)
-        across = np.zeros((X.shape[-1] - 1, len(slope)))
-        for part in parts_of(len(X), X[:1].size):
-            CA = X[part, ..., :-1]
-            across += np.tensordot(CA, F[part], ((0, 1, 2), (0, 1, 2)))
-        return slope, factors.solve(F)[0][0], across
+        across = flat(X).T @ flat(F)
+        return slope, factors.solve(F)[0][0], across[:-1]
 
     def by_bends(self, v: ndarray) -> ndarray:
         """What the covariance (n, n) of x owes, for variances v (1 + k,), to bends of
@@ -521,33 +515,37 @@ class LinearModel:
         """
         if not self.smooth:
             return np.zeros_like(self.precision)
-        bent = self.keeping(self.kept)
-        bent.smooth = replace(self.smooth, bends=True).keeping(self.kept)
-        bent.m = bent.smooth.count
-        N = bent.posterior(v[None]).products  # of [B | B₂ | A | r]
-        bends = slice(self.m, bent.m)
-        across = np.delete(N[:-1, bends], bends, axis=0)
-        moves = self.posterior(v[None]).whole[1][self.m :] @ across
+        rows, posterior = self.rows, self.posterior(v[None])
+        assert posterior.factors  # the flange of a robot that bends may err
+        _, X, _, _ = self.precisions(posterior.factors, posterior.whole)
+        bent = replace(self.smooth, bends=True).keeping(self.kept)
+        across = np.zeros((X.shape[-1], bent.count))  # of [B | A | r] and [B | B₂]
+        for part in parts_of(len(X), X[:1].size):
+            some = rows.profiles[part].ravel()
+            columns = bent.columns(self.E[some, :, :6], some)
+            across += flat(X[part]).T @ flat(columns)
+        moves = posterior.whole[1][self.m :] @ across[:-1, self.m :]
         return v[-1] * moves @ moves.T
 
     def precisions(
-        self, factors: Factors, known: tuple[ndarray, ndarray], W: ndarray
-    ) -> tuple[ndarray, ndarray, ndarray]:
+        self, factors: Factors, known: tuple[ndarray, ndarray]
+    ) -> tuple[ndarray, ndarray, ndarray, ndarray]:
         """Of the rows of each profile, for one set of variances: P_ii (b, Q, q, q),
-        X = C⁻¹ [B | A | r] (b, Q, q, m + n + 1) and w = P r (b, Q, q). `W`, as
-        `Factors.solve` has it of Z, turns into X: it is as large as all rows.
+        X = C⁻¹ [B | A | r] (b, Q, q, m + n + 1) and w = P r (b, Q, q); and c of the
+        groups, as `Factors.solve` has it of Z.
         """
         x, V = known
+        _, (W,), (c,) = factors.solve(self.rows.Z)
         root = factors.root[0]  # L⁻¹
         W_E = factors.W_E[0].reshape(*root.shape[:-1], -1)
         Q = factors.covariances[factors.rows.groups, None]
         P = root.mT @ (np.eye(self.q) - W_E @ Q @ W_E.mT) @ root  # of C⁻¹
-        X = W.reshape(*root.shape[:-1], -1)
+        X = W.reshape(*root.shape[:-1], -1)  # in its place: it is as large as all rows
         for part in parts_of(len(X), X[:1].size):
             X[part] = root[part].mT @ X[part]
             CA = X[part, ..., :-1]
             P[part] -= CA @ V @ CA.mT
-        return P, X, X @ np.append(x, 1.0)
+        return P, X, X @ np.append(x, 1.0), c
 
     def of_groups(
         self, factors: Factors, known: tuple[ndarray, ndarray], c: ndarray
@@ -601,8 +599,7 @@ class LinearModel:
         covariances[out] += A @ V @ A.mT
         factors = posterior.factors
         assert factors  # poses are left out where the flange may err
-        _, (W,), _ = factors.solve(self.rows.Z)
-        P, _, w = self.precisions(factors, (x, V), W)
+        P, _, w, _ = self.precisions(factors, (x, V))
         real = self.rows.profiles >= 0
         covariance = np.linalg.pinv(P[real], hermitian=True)
         profiles = self.rows.profiles[real]
@@ -630,7 +627,12 @@ def inverse_root(C: ndarray) -> tuple[ndarray, ndarray]:
     return root, 2 * np.log(diagonal).sum(axis=(0, 2))
 
 
+def flat(rows: ndarray) -> ndarray:
+    """Rows (..., columns) of profiles, one after the other: (rows, columns)."""
+    return rows.reshape(-1, rows.shape[-1])
+
+
 def squares(rows: ndarray) -> ndarray:
     """Σ rowsᵀ rows (S, columns, columns) of rows (S, ..., columns)."""
-    flat = rows.reshape(len(rows), -1, rows.shape[-1])
-    return flat.mT @ flat
+    of_set = rows.reshape(len(rows), -1, rows.shape[-1])
+    return of_set.mT @ of_set
