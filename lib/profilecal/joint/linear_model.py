@@ -114,14 +114,13 @@ class Factors:
 
     def solve(self, Z: ndarray) -> tuple[ndarray, ndarray, ndarray]:
         """For rows Z (b, Q, q, columns): Zᵀ C⁻¹ Z (S, columns, columns), W_Z - W_E b
-        (S, b, Q q, columns), and c - J b_above (S, groups, 6, columns).
+        (S, b, Q q, columns), and β (S, groups, 6, columns).
         """
         S, bundles, _, axes = self.W_E.shape
         columns = Z.shape[-1]
         of_profiles = np.empty((*self.root.shape[:-1], columns))
         W = of_profiles.reshape(S, bundles, -1, columns)
-        b = np.zeros((S, self.count, axes, columns))
-        c = np.zeros_like(b)
+        c = np.zeros((S, self.count, axes, columns))
         for part in parts_of(len(Z), Z[:1].size):
             np.matmul(self.root[:, part], Z[part], out=of_profiles[:, part])
             add_up(c, self.rows.groups[part], self.W_E[:, part].mT @ W[:, part])
@@ -129,19 +128,20 @@ class Factors:
             beta = node.Ms @ c[:, node.level.groups]
             add_up(c, node.level.parents, beta / node.s)
 
-        products = np.zeros((S, columns, columns))
+        b, beta = np.zeros_like(c), c  # which it takes the place of
+        beta[:, 0] = 0.0
         for node in self.nodes:
             groups, above = node.level.groups, np.zeros(1)
             if node is not self.nodes[0]:
                 above = b[:, node.level.parents]
                 c[:, groups] -= node.J @ above
-            beta = node.Ms @ c[:, groups]
-            b[:, groups] = above + node.s * beta
-            products += squares(beta)
+            beta[:, groups] = node.Ms @ c[:, groups]
+            b[:, groups] = above + node.s * beta[:, groups]
+        products = squares(beta)
         for part in parts_of(len(Z), Z[:1].size):
             W[:, part] -= self.W_E[:, part] @ b[:, self.rows.groups[part]]
             products += squares(W[:, part])
-        return products, W, c
+        return products, W, beta
 
     @cached_property
     def covariances(self) -> ndarray:
@@ -218,7 +218,7 @@ class Posterior:
     def with_smooth(
         self, mean: ndarray, covariance: ndarray
     ) -> tuple[ndarray, ndarray]:
-        """The same where these are the mean and the covariance of x.
+        """The same where others say what the mean and the covariance of x are.
 
         As of any other level, with J and c = N_B[A|r] of N, K = s (1 + s J s)⁻¹ s is
         the covariance of the coefficients where x is known, and -K c [x; 1] their mean.
@@ -370,9 +370,9 @@ class LinearModel:
     def factors(self, v: ndarray) -> Factors:
         """C of the rows for variances v (S, 1 + k), without smooth errors."""
         rows, S, a = self.rows, len(v), self.axes
-        D = np.tensordot(v[:, rows.errors], rows.parts, 1)
+        D = v[:, rows.errors] @ rows.parts.reshape(len(rows.errors), -1)
         root, log_det = inverse_root(D.reshape(S, -1, self.q, self.q))
-        root = root.reshape(D.shape)
+        root = root.reshape(S, *rows.parts.shape[1:])
         W_E = (root @ rows.E).reshape(S, len(rows.groups), -1, a)
         sums = np.zeros((S, self.nesting.count, a, a))
         add_up(sums, rows.groups, W_E.mT @ W_E)
@@ -493,13 +493,13 @@ class LinearModel:
         `known`: `Posterior.whole`.
         """
         rows = self.rows
-        P, X, w, c = self.precisions(factors, known)
-        slope, moves = self.of_groups(factors, known, c)
+        P, X, w, beta = self.precisions(factors, known)
+        slope, moves = self.of_groups(factors, known, beta)
         F = rows.E @ moves[rows.groups, None]  # M_k w of what profiles share,
         own = rows.parts @ w[..., None]  # and of what is one profile's
         F[..., rows.errors] += np.moveaxis(own[..., 0], 0, -1)
-        slope[rows.errors] += np.tensordot(rows.parts, P, 4)
-        slope -= np.tensordot(w, F, 3)
+        slope[rows.errors] += rows.parts.reshape(-1, P.size) @ P.ravel()
+        slope -= w.ravel() @ flat(F)
         across = flat(X).T @ flat(F)
         return slope, factors.solve(F)[0][0], across[:-1]
 
@@ -531,11 +531,11 @@ class LinearModel:
         self, factors: Factors, known: tuple[ndarray, ndarray]
     ) -> tuple[ndarray, ndarray, ndarray, ndarray]:
         """Of the rows of each profile, for one set of variances: P_ii (b, Q, q, q),
-        X = C⁻¹ [B | A | r] (b, Q, q, m + n + 1) and w = P r (b, Q, q); and c of the
-        groups, as `Factors.solve` has it of Z.
+        X = C⁻¹ [B | A | r] (b, Q, q, m + n + 1) and w = P r (b, Q, q); and β of Z,
+        of the groups.
         """
         x, V = known
-        _, (W,), (c,) = factors.solve(self.rows.Z)
+        _, (W,), (beta,) = factors.solve(self.rows.Z)
         root = factors.root[0]  # L⁻¹
         W_E = factors.W_E[0].reshape(*root.shape[:-1], -1)
         Q = factors.covariances[factors.rows.groups, None]
@@ -545,14 +545,14 @@ class LinearModel:
             X[part] = root[part].mT @ X[part]
             CA = X[part, ..., :-1]
             P[part] -= CA @ V @ CA.mT
-        return P, X, X @ np.append(x, 1.0), c
+        return P, X, X @ np.append(x, 1.0), beta
 
     def of_groups(
-        self, factors: Factors, known: tuple[ndarray, ndarray], c: ndarray
+        self, factors: Factors, known: tuple[ndarray, ndarray], beta: ndarray
     ) -> tuple[ndarray, ndarray]:
-        """Of the errors that groups share, with c (groups, 6, columns) as
-        `Factors.solve` has it of Z: tr P M_k (1 + k,); and M_k w as motions of the
-        flange (groups, 6, 1 + k), which a group has from all that hold it, too.
+        """Of the errors that groups share, with β (groups, 6, columns) of Z: tr P M_k
+        (1 + k,); and M_k w as motions of the flange (groups, 6, 1 + k), which a group
+        has from all that hold it, too.
         """
         Q, k = factors.covariances, len(self.units)
         x, V = known
@@ -560,7 +560,7 @@ class LinearModel:
         for node in factors.nodes:
             level, J = node.level, node.J[0]
             units = self.units[level.errors]
-            EZ = node.Ms[0] @ c[level.groups] / node.s[0]  # E_gᵀ C⁻¹ Z
+            EZ = beta[level.groups] / node.s[0]  # E_gᵀ C⁻¹ Z
             EA, Ew = EZ[..., :-1], EZ @ np.append(x, 1.0)
             EPE = J - J @ Q[level.groups] @ J - EA @ V @ EA.mT
             traces[level.errors] = units @ np.einsum("gjj->j", EPE)

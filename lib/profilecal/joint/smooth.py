@@ -61,6 +61,8 @@ class SmoothErrors:
     ratio: float  # an error of the orientation, rad, to one of the position
     to_hand: bool
     middle: Frames  # orientation (3, 3) and position (3,) that they are counted from
+    ways: ndarray  # (P, 3) from there, over REACH_MM
+    turns: ndarray  # (P, 3) from there, rad
     # (12, count) the steps of sensor pose and base that take up the most of the errors
     steps: ndarray
     bends: bool = False  # whether these follow the coefficients; four times as many
@@ -113,7 +115,7 @@ class SmoothErrors:
         pose and of the base, and (k, 6, count) by each coefficient.
         """
         R, T = (array[some] for array in self.poses)
-        rotation, place = self.middle
+        turns = self.turns[some, None, None]
         to_sensor = (R @ self.sensor[0]).mT
         rigid = np.zeros((len(R), 6, 12))
         rigid[:, :, :6] = shifting(-self.arms(some))
@@ -123,18 +125,16 @@ class SmoothErrors:
 
         # to hand, the sensor's axes stand still in the base
         axes = np.eye(3)[None] if self.to_hand else to_sensor
-        ways = (positions(R, T, self.to_hand) - place) / REACH_MM
-        turns = Rotation.from_matrix(rotation.T @ R, assume_valid=True).as_rotvec()
-        of_turn = np.eye(3)[..., None] * turns[:, None, None]
+        of_turn = np.eye(3)[..., None] * turns
         # profile; shift or turn; axis of the sensor; the coefficient's kind, its axis,
         # and the component of the way or turn that it multiplies
         errors = np.zeros((len(R), 2, 3, 3, 3, 3))
-        errors[:, 0, :, 0] = axes[..., None] * ways[:, None, None]
+        errors[:, 0, :, 0] = axes[..., None] * self.ways[some, None, None]
         errors[:, 0, :, 1] = of_turn
         errors[:, 1, :, 2] = self.ratio * of_turn
         of_flange = errors.reshape(-1, 6, COEFFICIENTS)
         if self.bends:
-            bends = of_flange[..., None] * turns[:, None, None] / 2
+            bends = of_flange[..., None] * turns / 2
             bends = bends.reshape(len(R), 6, -1)
             of_flange = np.concatenate([of_flange, bends], axis=2)
         return rigid, of_flange
@@ -159,15 +159,17 @@ def smooth_errors(
     """Those of `poses`, counted from their middle; the steps are found. `known`: middle
     and steps, if others say what they are.
     """
+    R, T = poses
+    places = positions(R, T, to_hand)
+    rotation, place = nearest_rotation(R.mean(axis=0)), places.mean(axis=0)
+    steps = np.zeros((12, COEFFICIENTS))  # until they are found
     if known:
         rotation, place, steps = map(np.asarray, known)
-        middle = rotation, place
-        return SmoothErrors(poses, sensor, seen, ratio, to_hand, middle, steps)
-    R, T = poses
-    middle = nearest_rotation(R.mean(axis=0)), positions(R, T, to_hand).mean(axis=0)
-    none = np.zeros((12, COEFFICIENTS))  # until they are found
-    errors = SmoothErrors(poses, sensor, seen, ratio, to_hand, middle, none)
-    return errors.keeping(np.ones(len(R), dtype=bool))
+    ways = (places - place) / REACH_MM
+    turns = Rotation.from_matrix(rotation.T @ R, assume_valid=True).as_rotvec()
+    counted = (rotation, place), ways, turns, steps
+    errors = SmoothErrors(poses, sensor, seen, ratio, to_hand, *counted)
+    return errors if known else errors.keeping(np.ones(len(R), dtype=bool))
 
 
 def positions(R: ndarray, T: ndarray, to_hand: bool) -> ndarray:
