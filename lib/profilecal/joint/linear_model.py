@@ -64,10 +64,11 @@ from functools import cached_property
 
 import numpy as np
 from numpy import ndarray
+from scipy.linalg.lapack import dtrtri
 
 from profilecal.geometry.noise import by_unit
 from profilecal.geometry.observability import HAND_PRECISION
-from profilecal.joint.nesting import AT_ONCE, Level, add_up, nesting, parts_of
+from profilecal.joint.nesting import AT_ONCE, Level, add_up, in_parts, nesting, parts_of
 from profilecal.joint.smooth import SmoothErrors
 from profilecal.targets.observations import PoseGroups
 
@@ -116,17 +117,16 @@ class Factors:
         """For rows Z (b, Q, q, columns): Zᵀ C⁻¹ Z (S, columns, columns), W_Z - W_E b
         (S, b, Q q, columns), and β (S, groups, 6, columns).
         """
-        S, bundles, _, axes = self.W_E.shape
+        *rows, axes = self.W_E.shape
         columns = Z.shape[-1]
-        of_profiles = np.empty((*self.root.shape[:-1], columns))
-        W = of_profiles.reshape(S, bundles, -1, columns)
-        c = np.zeros((S, self.count, axes, columns))
-        for part in parts_of(len(Z), Z[:1].size):
+        W = np.empty((*rows, columns))
+        of_profiles = W.reshape(*self.root.shape[:-1], columns)
+        c = np.zeros((len(W), self.count, axes, columns))
+        for part in in_parts(Z):
             np.matmul(self.root[:, part], Z[part], out=of_profiles[:, part])
             add_up(c, self.rows.groups[part], self.W_E[:, part].mT @ W[:, part])
         for node in self.nodes[:0:-1]:
-            beta = node.Ms @ c[:, node.level.groups]
-            add_up(c, node.level.parents, beta / node.s)
+            add_up(c, node.level.parents, node.Ms @ c[:, node.level.groups] / node.s)
 
         b, beta = np.zeros_like(c), c  # which it takes the place of
         beta[:, 0] = 0.0
@@ -138,7 +138,7 @@ class Factors:
             beta[:, groups] = node.Ms @ c[:, groups]
             b[:, groups] = above + node.s * beta[:, groups]
         products = squares(beta)
-        for part in parts_of(len(Z), Z[:1].size):
+        for part in in_parts(Z):
             W[:, part] -= self.W_E[:, part] @ b[:, self.rows.groups[part]]
             products += squares(W[:, part])
         return products, W, beta
@@ -186,7 +186,7 @@ class Posterior:
     @cached_property
     def root(self) -> ndarray:
         """(S, n, n) L⁻¹ of x alone."""
-        return np.linalg.inv(self.L[:, self.m : -1, self.m : -1])
+        return inverse(self.L[:, self.m : -1, self.m : -1])
 
     @cached_property
     def covariance(self) -> ndarray:
@@ -210,26 +210,26 @@ class Posterior:
 
     @cached_property
     def whole(self) -> tuple[ndarray, ndarray]:
-        """Mean and covariance of the smooth errors' coefficients and of x (m + n), for
-        the first set of variances.
+        """Of the smooth errors' coefficients and x, for the first set of variances: the
+        mean and a 1 for r (m + n + 1), and the covariance.
         """
-        return self.with_smooth(self.mean[0], self.covariance[0])
+        (root,) = inverse(self.L[:1, :-1, :-1])
+        root[:, : self.m] *= np.sqrt(self.v[0, -1])
+        return np.append(-self.L[0, -1, :-1] @ root, 1.0), root.T @ root
 
     def with_smooth(
         self, mean: ndarray, covariance: ndarray
     ) -> tuple[ndarray, ndarray]:
-        """The same where others say what the mean and the covariance of x are.
+        """Mean and covariance where others say what they are of x.
 
-        As of any other level, with J and c = N_B[A|r] of N, K = s (1 + s J s)⁻¹ s is
-        the covariance of the coefficients where x is known, and -K c [x; 1] their mean.
+        Where x moves by one, all unknowns move by V_•x V_xx⁻¹, as likely as they were;
+        V_xx⁻¹ = H.
         """
-        root = np.linalg.inv(self.L[0, : self.m, : self.m])
-        K = self.v[0, -1] * root.T @ root
-        X = -K @ self.products[: self.m, self.m :]
-        moves = np.concatenate([X[:, :-1], np.eye(len(mean))])
-        whole = moves @ covariance @ moves.T
-        whole[: self.m, : self.m] += K
-        return np.concatenate([X @ np.append(mean, 1.0), mean]), whole
+        m, (z, V) = self.m, self.whole
+        L = self.L[0, m:-1, m:-1]
+        moves = V[:, m:] @ L @ L.T
+        whole = V + moves @ (covariance - V[m:, m:]) @ moves.T
+        return z[:-1] + moves @ (mean - z[m:-1]), whole
 
 
 class LinearModel:
@@ -462,14 +462,13 @@ class LinearModel:
         wᵀ M P M w - tr(P M P M) / 2.
         """
         m, v0, k = self.m, posterior.v[0, 0], posterior.v.shape[1]
-        x, V = posterior.whole
-        z = np.append(x, 1.0)
+        z, V = posterior.whole
         rest, count = self.rest_of_kept
         square = z @ rest @ z
         # tr P M_k - wᵀ M_k w, Fᵀ C⁻¹ F and Aᵀ C⁻¹ F
-        slope, within, across = np.zeros(k), np.zeros((k, k)), np.zeros((len(x), k))
+        slope, within, across = np.zeros(k), np.zeros((k, k)), np.zeros((len(V), k))
         if posterior.factors:
-            slope, within, across = self.of_rows(posterior.factors, (x, V))
+            slope, within, across = self.of_rows(posterior.factors, posterior.whole)
         slope[0] += count / v0 - (square + np.sum(V * rest[:-1, :-1])) / v0**2
         within[0, 0] += square / v0**3
         across[:, 0] += rest[:-1] @ z / v0**2
@@ -515,13 +514,13 @@ class LinearModel:
         """
         if not self.smooth:
             return np.zeros_like(self.precision)
-        rows, posterior = self.rows, self.posterior(v[None])
+        posterior = self.posterior(v[None])
         assert posterior.factors  # the flange of a robot that bends may err
         _, X, _, _ = self.precisions(posterior.factors, posterior.whole)
         bent = replace(self.smooth, bends=True).keeping(self.kept)
         across = np.zeros((X.shape[-1], bent.count))  # of [B | A | r] and [B | B₂]
-        for part in parts_of(len(X), X[:1].size):
-            some = rows.profiles[part].ravel()
+        for part in in_parts(X):
+            some = self.rows.profiles[part].ravel()
             columns = bent.columns(self.E[some, :, :6], some)
             across += flat(X[part]).T @ flat(columns)
         moves = posterior.whole[1][self.m :] @ across[:-1, self.m :]
@@ -534,18 +533,18 @@ class LinearModel:
         X = C⁻¹ [B | A | r] (b, Q, q, m + n + 1) and w = P r (b, Q, q); and β of Z,
         of the groups.
         """
-        x, V = known
+        z, V = known
         _, (W,), (beta,) = factors.solve(self.rows.Z)
         root = factors.root[0]  # L⁻¹
         W_E = factors.W_E[0].reshape(*root.shape[:-1], -1)
-        Q = factors.covariances[factors.rows.groups, None]
+        Q = factors.covariances[self.rows.groups, None]
         P = root.mT @ (np.eye(self.q) - W_E @ Q @ W_E.mT) @ root  # of C⁻¹
         X = W.reshape(*root.shape[:-1], -1)  # in its place: it is as large as all rows
-        for part in parts_of(len(X), X[:1].size):
+        for part in in_parts(X):
             X[part] = root[part].mT @ X[part]
             CA = X[part, ..., :-1]
             P[part] -= CA @ V @ CA.mT
-        return P, X, X @ np.append(x, 1.0), beta
+        return P, X, X @ z, beta
 
     def of_groups(
         self, factors: Factors, known: tuple[ndarray, ndarray], beta: ndarray
@@ -555,13 +554,13 @@ class LinearModel:
         has from all that hold it, too.
         """
         Q, k = factors.covariances, len(self.units)
-        x, V = known
+        z, V = known
         traces, moves = np.zeros(k), np.zeros((len(Q), self.axes, k))
         for node in factors.nodes:
             level, J = node.level, node.J[0]
             units = self.units[level.errors]
             EZ = beta[level.groups] / node.s[0]  # E_gᵀ C⁻¹ Z
-            EA, Ew = EZ[..., :-1], EZ @ np.append(x, 1.0)
+            EA, Ew = EZ[..., :-1], EZ @ z
             EPE = J - J @ Q[level.groups] @ J - EA @ V @ EA.mT
             traces[level.errors] = units @ np.einsum("gjj->j", EPE)
             moves[level.groups] = moves[level.parents]
@@ -590,22 +589,26 @@ class LinearModel:
         a Gaussian of precision P, given the rest of it (Christensen, Pearson and
         Johnson 1992).
         """
-        x, V = posterior.whole
+        z, V = posterior.whole
         out = np.flatnonzero(~self.kept)
         Z = self.Z(out)
         A = Z[..., :-1]
         errors, covariances = np.zeros(self.E.shape[:2]), self.own(posterior.v[0])
-        errors[out] = Z @ np.append(x, 1.0)
+        errors[out] = Z @ z
         covariances[out] += A @ V @ A.mT
-        factors = posterior.factors
-        assert factors  # poses are left out where the flange may err
-        P, _, w, _ = self.precisions(factors, (x, V))
+        assert posterior.factors  # poses are left out where the flange may err
+        P, _, w, _ = self.precisions(posterior.factors, posterior.whole)
         real = self.rows.profiles >= 0
         covariance = np.linalg.pinv(P[real], hermitian=True)
         profiles = self.rows.profiles[real]
         covariances[profiles] = covariance
         errors[profiles] = (covariance @ w[real][..., None])[..., 0]
         return errors, covariances
+
+
+def inverse(L: ndarray) -> ndarray:
+    """Of lower triangles (S, m, m)."""
+    return np.array([dtrtri(triangle, lower=1)[0] for triangle in L])
 
 
 def inverse_root(C: ndarray) -> tuple[ndarray, ndarray]:

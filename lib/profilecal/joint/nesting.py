@@ -11,7 +11,7 @@ from numpy import ndarray
 AT_ONCE = 45_000  # numbers of rows, of several sets or of a part: what a cache holds
 # On Linux, memory of arrays above 128 kB goes back to the system with each of them, and
 # the next one pays for its pages again, until one that is larger has come and gone: as
-# this one, without which a calibration takes a sixth longer.
+# this one, without which a calibration takes a tenth longer.
 np.empty(2_000_000)
 
 
@@ -75,6 +75,11 @@ def parts_of(count: int, size: int) -> list[slice]:
     """So many things, of so many numbers each, in parts that a cache holds."""
     step = max(1, AT_ONCE // max(1, size))
     return [slice(k, k + step) for k in range(0, count, step)]
+
+
+def in_parts(rows: ndarray) -> list[slice]:
+    """Rows (k, ...) in such parts."""
+    return parts_of(len(rows), rows[:1].size)
 
 
 def nesting(profiles: int, numbers: Sequence[ndarray]) -> Nesting:

@@ -153,6 +153,8 @@ class Problem:
     @cached_property
     def of_equal_points(self) -> "Problem":
         """The same with the noise of all points alike."""
+        if all(seen.covariance is None for seen in self.observations):
+            return self
         return self.of(replace(seen, covariance=None) for seen in self.observations)
 
     def later(self, seconds: float) -> "Problem":

@@ -107,8 +107,8 @@ class SmoothErrors:
             products += flat.T @ flat
         rigid, across = products[:12, :12], products[:12, 12:]
         units = np.diag(rigid)[:, None] ** -0.5
-        inverse = np.linalg.pinv(units * rigid * units.T, 1e-12, hermitian=True)
-        return replace(self, steps=units * (inverse @ (units * across)))
+        steps = np.linalg.lstsq(units * rigid * units.T, units * across, 1e-12)[0]
+        return replace(self, steps=units * steps)
 
     def motions(self, some: ndarray) -> tuple[ndarray, ndarray]:
         """Of some profiles (k,), by number: motions (k, 6, 12) by steps of the sensor
