@@ -101,8 +101,8 @@ def read_folder(
     poses = robot_poses(of_poses, layout)
     rows = len(poses.table)
     is_one_table = of_poses is of_profiles and len(of_poses) == 1
-    several = 0 if is_one_table else rows  # whose profiles may lie in one file
-    profiles = read_profiles(of_profiles, several, layout, taken)
+    stops = 0 if is_one_table else rows
+    profiles = read_profiles(of_profiles, stops, layout, taken)
     counts = [*map(len, profiles)]
     if is_one_table and sum(counts) == rows:  # the pose of each profile's first row
         poses = poses.at(np.cumsum([0, *counts[:-1]]))

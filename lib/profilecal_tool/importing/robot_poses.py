@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
+from os.path import commonpath
 from pathlib import Path
 from typing import Any
 
@@ -73,18 +74,20 @@ def robot_poses(files: Files, layout: Layout) -> Block:
         raise ScanError(
             f"{first.path.parent}: {called} is called as the inverse: invert or rename"
         )
-    titles = first.titles
     for part in parts:
-        if part.titles != titles:
+        if part.titles != first.titles:
             found = listed(part.titles)
             raise ScanError(f"{part.path}: columns {found}, where others differ")
     table = concat([part.table for part in parts])
-    if len(files) > 1:
-        name_of = dict(zip(files, names_of(files), strict=True))
-        labels = [name_of[own.path] for own in parts for _ in own.table.index]
-        table[len(titles)] = labels
-        titles = [*titles, "file"]
-    return replace(first, table=table, titles=titles)
+    if len(files) == 1:
+        return replace(first, table=table)
+    name_of = dict(zip(files, names_of(files), strict=True))
+    owners = [part.path for part in parts for _ in part.table.index]
+    table[len(first.titles)] = [name_of[path] for path in owners]
+    lines = zip(owners, table.index, strict=True)
+    table.index = [f"{path.name} line {line}" for path, line in lines]
+    beside, titles = Path(commonpath(files)), [*first.titles, "file"]
+    return replace(first, path=beside, table=table, titles=titles, counted="file")
 
 
 def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
@@ -206,5 +209,6 @@ def pose_entries(
     low, high = (ends * length).round(1).tolist()
     taken["poses"] = f"{poses.path.name}: {words}: {low} to {high} mm"
     taken["pose_columns"] = f"{', '.join(poses.chosen)}: {turn.meaning}"
-    table = Table(poses.path, {"pose": labels} | columns, poses.table.index)
+    columns = {"pose": labels} | columns
+    table = Table(poses.path, columns, poses.table.index, poses.counted)
     return check_poses(table, length)

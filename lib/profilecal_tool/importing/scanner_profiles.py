@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from os.path import commonpath
 from pathlib import Path
 
 import numpy as np
@@ -127,15 +128,15 @@ def point_tables(blocks: list[Block], layout: Layout) -> list[Block]:
 
 
 def read_profiles(
-    files: Files, expected: int, layout: Layout, taken: dict[str, str]
+    files: Files, stops: int, layout: Layout, taken: dict[str, str]
 ) -> Series:
     """The points (n, 2) mm of each profile, NaN where nothing was seen, under its name,
-    "" if it has none: one in each file, or in one file as many as are expected.
+    "" if it has none: one in each file, or in one file one for each stop of the robot,
+    0 where that is not known.
 
     Raises ScanError.
     """
     is_alone = len(files) == 1
-    expected = expected if is_alone else 1
     names, counts, parts = [], [], []
     for path, blocks in files.items():
         tables = point_tables(blocks, layout)
@@ -145,10 +146,10 @@ def read_profiles(
             raise ScanError(
                 f"{path}: {len(tables)} tables: give titles, or no blank lines"
             )
+        in_each = 1 if not is_alone else stops if len(tables) == 1 else 0
         rows = []
         for points in tables:
-            in_it = expected if len(tables) == 1 or expected == 1 else 0
-            profile, own = profile_of_each_row(points, in_it)
+            profile, own = profile_of_each_row(points, in_each)
             check_one_section(points, profile, layout)
             each = np.bincount(profile)
             names += own or [points.sheet] * len(each)
@@ -161,30 +162,30 @@ def read_profiles(
     taken["columns"] = ",".join(block.title(column.at) for column in columns)
     xz = np.concatenate([part.numbers_of("xz", blank=True) for part in parts])
     units = {unit for part in parts for unit in part.units("xz")}
-    points = in_mm(path, xz, units, layout, taken)
-    values = np.split(points, np.cumsum(counts)[:-1])
+    xz = in_mm(Path(commonpath(files)), xz, units, layout, taken)
+    values = np.split(xz, np.cumsum(counts)[:-1])
     return Series(values, names if is_alone else names_of(files))
 
 
-def profile_of_each_row(block: Block, expected: int) -> tuple[ndarray, list[str]]:
+def profile_of_each_row(block: Block, stops: int) -> tuple[ndarray, list[str]]:
     """The profile of each row, from 0, and what profiles are called, if they are. It is
     told by a label or a time whose values do not come back, and that counts no points;
-    by a place; by the pose beside it; else evenly, where some number is expected.
+    by a place; by the pose beside it; else evenly, if it is known how many there are.
     """
     rows = len(block.table)
-    if expected == 1:
+    if stops == 1:
         return np.zeros(rows, int), []
     for column in block.having("label", "time", "t", "nth"):
         cells = block.table[column.at]
         profile, labels = pandas.factorize(cells, use_na_sentinel=False)
-        counts_points = column.role == "label" and len(labels) == rows != expected
+        counts_points = column.role == "label" and len(labels) == rows != stops
         if (np.diff(profile) >= 0).all() and not counts_points:
             return profile, [] if column.role == "nth" else [*map(label_of, labels)]
     if block.poses:
         posed = [c.at for c in block.columns if c not in block.others]
         pose = block.table.groupby(posed, dropna=False).ngroup().to_numpy()
         return np.cumsum(np.diff(pose, prepend=pose[0]) != 0), []
-    each = rows // expected if expected and rows % expected == 0 else rows
+    each = rows // stops if stops and rows % stops == 0 else rows
     return np.arange(rows) // each, []
 
 

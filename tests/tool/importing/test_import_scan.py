@@ -21,7 +21,7 @@ import peoples_files as people
 import pytest
 from command import run
 from corruptions import CORRUPTIONS
-from folders import edited
+from folders import edited, written
 from makers_table import README, with_table
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
@@ -619,6 +619,11 @@ MISTAKES = {
         "sort the rows",
     ),
     "an inverse": (people.matrices, inverted, "is called as the inverse"),
+    "one of many files": (
+        people.matrices,
+        written("pose5.txt", "1 0 0 nan\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"),
+        "file pose5.txt line 1: column 4 is empty",
+    ),
     "fewer": (people.tum, lost("scan_003.csv"), "11 profiles for 12 poses"),
     "units": (people.csv, edited("robot.csv", "Y [mm]", "Y [m]"), "units are m, mm"),
     "other tool": (people.fanuc, edited("CALIB.LS", "UT : 0", "UT : 3"), "tools 3, 0"),
