@@ -51,16 +51,15 @@ def import_scan(
     moves = [row.get("name") for row in said_in_program(poses, beside, "uses")]
     pairing = pair_profiles(poses, [*profiles.index], moves, layout)
     taken["matched"] = pairing.how
-    rows, order = pairing.rows, np.arange(len(profiles))
-    if not pairing.times:
-        order = np.argsort(rows, kind="stable")
-        order = order[rows[order] >= 0]  # of profiles that have a pose
-        rows = rows[order]
     if not all(profiles.index):
         profiles.index = counted(len(profiles))
-    profiles = profiles.iloc[order]
-    check_one_profile_a_pose(folder, rows, profiles.index, layout)
-    labels = counted(len(rows)) if pairing.times else [*profiles.index]
+    rows = Series(pairing.rows)
+    labels = counted(len(rows))  # of a log's poses, which have no profiles
+    if not pairing.times:
+        rows = rows[rows >= 0].sort_values(kind="stable")
+        profiles = profiles.iloc[rows.index]
+        check_one_profile_a_pose(folder, rows.to_numpy(), profiles.index, layout)
+        labels = [*profiles.index]
     entries = pose_entries(poses.at(rows), labels, taken)
     if tool is not None:
         entries = entries_of_flange(entries, poses, tool, layout)
