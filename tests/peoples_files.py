@@ -338,6 +338,13 @@ def of_flange_and_tool(folder):
     (folder / "poses.json").write_text(json.dumps(rows))
 
 
+def with_speeds(folder):
+    """In front of positions, whose angles name no owner."""
+    titles = [f"{owner}_{axis}" for owner in ("vel", "tcp") for axis in "xyz"]
+    rows = np.insert(poses("KUKA angles"), [0, 0, 0], 7.0, axis=1)
+    write_table(folder / "robot.csv", ",".join([*titles, "a", "b", "c"]), rows)
+
+
 def of_images(folder):
     """In another order, beside the names of the profiles' files."""
     vectors = poses("quaternion", 0.001).tolist()
@@ -427,6 +434,13 @@ def below(folder):
     write_lines(folder / "all.csv", ["\n\n".join(profiles).replace("nan", "")])
 
 
+def ragged(folder):
+    """Below one another, every second with two rows more."""
+    more = [[99.0, np.nan]] * 2
+    profiles = [[*points, *more * (k % 2)] for k, points in enumerate(scan().values)]
+    write_table(folder / "all.csv", "x,z", np.concatenate(profiles))
+
+
 def stacked(folder):
     np.save(folder / "all.npy", np.stack(scan().values).swapaxes(1, 2))
 
@@ -442,12 +456,20 @@ def point_clouds(folder):
 POSES = (
     *(kuka, abb, ur, fanuc, yaskawa, kawasaki, staubli),
     *(xml_log, stamped, opencv, of_images, csv, tum, matrices, array),
-    *(stacked_matrices, of_flange_and_tool, by_columns, named_arrays, matlab, workbook),
+    *(
+        with_speeds,
+        stacked_matrices,
+        of_flange_and_tool,
+        by_columns,
+        named_arrays,
+        matlab,
+        workbook,
+    ),
 )
 IN_A_BASE = (abb, staubli)
 PROFILES = (
     *(one_each, with_gaps, unseen_at_first, codes_in_um, lists, archives, surfaces),
-    *(numbered_columns, long_table, below, stacked, point_clouds),
+    *(numbered_columns, long_table, below, ragged, stacked, point_clouds),
 )
 
 

@@ -94,8 +94,11 @@ class Block:
 
     @property
     def labels(self) -> dict[str, list[str]]:
-        """What may be labels of the rows, by title."""
-        free = [c for c in self.others if c.role in ("label", "")]
+        """What may be labels of the rows, by title: none that is not known, and has a
+        value twice.
+        """
+        unknown = [c for c in self.having("") if self.table[c.at].is_unique]
+        free = [*self.having("label"), *unknown]
         return {self.title(c.at): [*map(label_of, self.table[c.at])] for c in free}
 
     @cached_property
@@ -109,6 +112,9 @@ class Block:
             axis = column_titled(0, name).role if name else "z"  # below its places
             if is_long and axis in XYZ:
                 roles, owner = [axis] * len(own), name
+                steps = self.table[own[0].at].diff()[1:]
+                if len(steps) and (steps == 1).all():
+                    roles[0] = "label"  # which counts the rows
             else:
                 roles, owner = self.roles_of_list(name, own)
             for column, role in zip(own, roles, strict=False):

@@ -136,7 +136,7 @@ def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
             sentence = f"two poses have the {best.title} of profile {name}"
             place = f"{poses.path} lines {one} and {other}"
             raise ScanError(f"{place}: {sentence}; leave one out")
-    return Pairing(best.rows, f"by the {best.how}")
+    return Pairing(best.rows, f"by {best.title} and the {best.how}")
 
 
 def ways_to_compare(

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import zip_longest
 from os.path import commonpath
 from pathlib import Path
 from typing import Any
@@ -74,6 +75,10 @@ def robot_poses(files: Files, layout: Layout) -> Block:
         raise ScanError(
             f"{first.path.parent}: {called} is called as the inverse: invert or rename"
         )
+    whose = {(column.role, column.owner) for column in first.chosen.values()}
+    if any((column.role, column.owner) in whose for column in first.others):
+        alike = "which of those called alike?"
+        raise question_on_columns(first, alike, first.columns)
     for part in parts:
         if part.titles != first.titles:
             found = listed(part.titles)
@@ -118,7 +123,7 @@ def question_on_columns(
             break
     else:
         return ScanError(sentence)
-    guessed = dict(zip(free, wanted, strict=False))
+    guessed = dict(zip_longest(free, wanted, fillvalue="_"))
     turns = [c.at for c in columns if guessed.get(c.at, c.role) in OF_ANGLES]
     largest = numeric.filter(turns).abs().to_numpy().max(initial=0)
     small = "rad" if largest <= 2 * np.pi else ""

@@ -170,7 +170,8 @@ def read_profiles(
 def profile_of_each_row(block: Block, stops: int) -> tuple[ndarray, list[str]]:
     """The profile of each row, from 0, and what profiles are called, if they are. It is
     told by a label or a time whose values do not come back, and that counts no points;
-    by a place; by the pose beside it; else evenly, if it is known how many there are.
+    by a place; by the pose beside it; else by x that begins anew, as often as the robot
+    stops.
     """
     rows = len(block.table)
     if stops == 1:
@@ -185,8 +186,10 @@ def profile_of_each_row(block: Block, stops: int) -> tuple[ndarray, list[str]]:
         posed = [c.at for c in block.columns if c not in block.others]
         pose = block.table.groupby(posed, dropna=False).ngroup().to_numpy()
         return np.cumsum(np.diff(pose, prepend=pose[0]) != 0), []
-    each = rows // stops if stops and rows % stops == 0 else rows
-    return np.arange(rows) // each, []
+    x = Series(block.numbers_of("x", blank=True)[:, 0]).ffill().bfill()
+    begins = x.diff() * (x.iloc[-1] - x.iloc[0]) < 0
+    is_stack = begins.sum() + 1 == stops
+    return (begins & is_stack).cumsum().to_numpy(), []
 
 
 def check_one_section(block: Block, profile: ndarray, layout: Layout) -> None:

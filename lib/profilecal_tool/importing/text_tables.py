@@ -105,11 +105,11 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         if first is None:
             continue
         count, titles = len(rows[0]), titles_in(rows[:first])
-        if known and not titles and begin == after:
-            found = f"{count} fields; expected {len(known)}, as above"
-            raise ScanError(f"{path} line {begin + 1}: {found}")
         if not titles and count == len(known):
             titles = known
+        elif known and not titles and begin <= after + 1:
+            found = f"{count} fields; expected {len(known)}, as above"
+            raise ScanError(f"{path} line {begin + 1}: {found}")
         if titles:
             known, after = titles, end
         stream.seek(place)

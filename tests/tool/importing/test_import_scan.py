@@ -205,6 +205,15 @@ ASKED = {
         people.one_each,
         "what are they",
     ),
+    "two positions": (
+        lambda folder: write_table(
+            folder / "poses.csv",
+            "x,y,z,tx,ty,tz,a,b,c",
+            np.insert(poses("KUKA angles"), [3, 3, 3], 7.0, axis=1),
+        ),
+        people.one_each,
+        "which of those called alike",
+    ),
     "one unknown": (
         listed("x,y,z,Quaternion V,qx,qy,qz", (), "quaternion"),
         people.one_each,
@@ -324,7 +333,7 @@ PAIRED = {
     "1.10 and 1.1": (
         listed("Pose,X [mm],Y,Z,A,B,C", [f"1.{k + 1}" for k in range(12)]),
         named_profiles("p_1.{}.csv", begin=1),
-        "by the numbers in the names",
+        "by Pose and the numbers in the names",
     ),
     "a date and a number": (
         listed(GERMAN.format("Laufnummer"), BY_XP, order=BACKWARDS),
@@ -386,9 +395,14 @@ PAIRED = {
         "up to 0 s apart",
     ),
     "points": (in_one_table, nothing, "in order"),
-    "JSON": (in_json, nothing, "by the names"),
+    "JSON": (in_json, nothing, "by file and the names"),
+    "a speed": (
+        listed("speed,X,Y,Z,A,B,C", 12 * [100]),
+        named_profiles("v100_{:02}.csv"),
+        "in order",
+    ),
     "samples": (in_one_json, nothing, "in order"),
-    "sheets": (people.csv, sheets, "by the names"),
+    "sheets": (people.csv, sheets, "by Name and the names"),
 }
 
 
@@ -506,6 +520,14 @@ def test_targets_are_taken_in_the_order_driven(tmp_path):
     check_scan(imported, people.BASE)
 
 
+def test_a_number_before_rows_of_heights_is_none_of_them(tmp_path):
+    z = np.array([points[:, 1] for points in scan().values])
+    people.tum(tmp_path)
+    np.savetxt(tmp_path / "z.csv", np.insert(z, 0, range(1, 13), axis=1), "%g", ",")
+    imported, _ = read(tmp_path, x=(-40, 2))
+    assert_allclose([points[:, 1] for points in imported.values], z, atol=1e-3)
+
+
 SAID = {
     "no rows where y=0; the columns are .* x, z": {"where": "y=0"},
     "no profiles in rows where x=7": {"where": "x=7"},
@@ -554,6 +576,13 @@ def a_row_cut_short(folder):
     write_lines(folder / "robot.csv", [*lines[:5], "scan_099;1;2", *lines[5:]])
 
 
+def labels_lost(folder):
+    """Below a blank line."""
+    lines = (folder / "robot.csv").read_text().splitlines()
+    rest = [line.partition(";")[2] for line in lines[9:]]
+    write_lines(folder / "robot.csv", [*lines[:9], "", *rest])
+
+
 def without_a_pose(folder):
     rows = [
         {"id": k, "T": T.tolist()} for k, T in enumerate(people.matrices_of_poses())
@@ -583,6 +612,7 @@ def sheet_with_a_word(folder):
 
 MISTAKES = {
     "a row cut short": (people.csv, a_row_cut_short, "line 6: 3 fields; expected 7"),
+    "labels lost": (people.csv, labels_lost, "line 11: 6 fields; expected 7"),
     "a label twice": (
         people.csv,
         edited("robot.csv", "scan_004;", "scan_005;"),
