@@ -1,15 +1,14 @@
-"""Which poses, and how many: what they will be worth, before anything is measured.
+"""Before anything is measured: which poses or sweeps, how many, and what covariance a
+calibration will then state.
 
-In: a `ScanModel`, what is known beforehand of scanner, robot and target, and where the
-robot may go. Out: a `Prediction`, the covariance that `calibrate` will state; a `Plan`,
-poses that make it small; a folder ready to run.
+    SPEC.toml ─ specification ─┐
+                               ├─ knowledge ─► ScanModel ─ candidates ─► possible poses
+    scan folder ─ calibrate ───┘                               │
+                                             Plan ◄─ design ◄──┘ (sweeps: along them)
 
-Each pose adds a block of information, its own robot error integrated out. Blocks of
-poses with different orientations add up, so a plan is a choice of blocks: a greedy
-start, then exchanges, one pose at a time.
+A prediction is the calibration's own linear model of what a perfect scanner would see
+(`scan_model`). `task` goes from files to a plan and its folder, `words` says it.
 
-In reading order: `specification` says what is guessed and asked for, `scan_model`
-predicts, `candidates` draws poses that are possible, `design` chooses among them,
-`sweeps` goes along lines through them; `knowledge` makes models of specifications and
-scans, `words` says what is predicted, and `task` is what a user asks for.
+Poses R (P, 3, 3), T (P, 3), mm, are as the joint solution has them: eye-to-hand, of the
+base in the flange's frame. Boxes, zones and files are about the flange in the base.
 """

@@ -1,6 +1,6 @@
 """Poses that a robot may take: the target stays in view however wrong the guess is.
 
-They are within the robot's reach, away from zones that it must avoid.
+They are within the limits, away from zones that flange and sensor must avoid.
 """
 
 from collections import Counter
@@ -10,37 +10,30 @@ import numpy as np
 from numpy import ndarray
 from numpy.random import Generator
 
-from profilecal.geometry.poses import Frames, carry, inverse, rotations
-from profilecal.scan.scan import ScanError
+from profilecal.geometry.poses import Frames, carry, inverse, rotations, unit
+from profilecal.scan.tables import ScanError
 from profilecal.simulation.scene import in_unit_ball
-from profilecal_tool.plan.scan_model import ScanModel
+from profilecal_tool.plan.scan_model import ScanModel, joined
 from profilecal_tool.plan.specification import LEAST
 
 # So much more than the limits is drawn and then cut off at the limits. A third of the
 # candidates is then at a limit, where good plans are.
 BEYOND = 0.5
+BATCHES = 100
 
 
-def draw(
-    model: ScanModel,
-    count: int,
-    rng: Generator,
-    beyond: float = 0.0,
-) -> Frames:
+def draw(model: ScanModel, count: int, rng: Generator, beyond: float = 0.0) -> Frames:
     """Draw possible flange poses (count, 3, 3), (count, 3) from all within the limits.
 
     With `beyond`, more of them are at the limits. Where hardly any are possible, fewer
     than `count` may come. Raises ScanError, with the reasons, for too few.
     """
-    found = []
-    reasons: Counter[str] = Counter()
-    for _ in range(100):
+    found, reasons = [], Counter()
+    while len(found) < BATCHES and reasons[""] < count:
         R, T = random_poses(model, 2 * count, rng, beyond)
-        refusals = refused(model, R, T)
-        reasons.update(refusals)
-        found.append((R[refusals == ""], T[refusals == ""]))
-        if reasons[""] >= count:
-            break
+        why = refused(model, R, T)
+        reasons.update(why)
+        found.append((R[why == ""], T[why == ""]))
     total, possible, least = reasons.total(), reasons.pop("", 0), min(count, LEAST)
     if possible < least:
         words = [f"{some / total:.0%} {why}" for why, some in reasons.most_common()]
@@ -51,12 +44,6 @@ def draw(
         )
     R, T = joined(*found)
     return R[:count], T[:count]
-
-
-def joined(*poses: Frames) -> Frames:
-    """Poses and further ones together."""
-    R, T = map(np.concatenate, zip(*poses, strict=True))
-    return R, T
 
 
 def random_poses(model: ScanModel, count: int, rng: Generator, beyond: float) -> Frames:
@@ -73,29 +60,24 @@ def random_poses(model: ScanModel, count: int, rng: Generator, beyond: float) ->
 
     limits = model.limits
     tilt = share(2)
-    tilt = tilt / np.maximum(np.linalg.norm(tilt, axis=1, keepdims=True), 1)
-    tilt = np.radians(limits.tilt_deg) * tilt
-    spin = np.radians(limits.spin_deg) * share(1)
-    R = model.facing @ rotations(tilt @ np.eye(3)[:2]) @ rotations(spin * [0, 0, 1])
+    tilt /= np.maximum(np.linalg.norm(tilt, axis=1, keepdims=True), 1)
+    tilt = np.radians(limits.tilt_deg) * tilt @ np.eye(3)[:2]
+    spin = np.radians(limits.spin_deg) * share(1) * [0, 0, 1]
+    R = model.facing @ rotations(tilt) @ rotations(spin)
 
     origin, axes = model.target.frame
     aim = origin + limits.extent_mm * (free_axes(model) * share(3)) @ axes.T
     for radius in model.sizes:
-        aim = aim + 0.9 * radius * in_unit_ball(rng, count)
+        aim += 0.9 * radius * in_unit_ball(rng, count)
 
     near, far = model.scanner.near, model.scanner.far
-    z = (near + far) / 2 + (far - near) / 2 * share(1)
+    z = (near + far + (far - near) * share(1)) / 2
     x = model.scanner.half_width(z) * share(1)
-    aim_seen = np.hstack([x, 0 * x, z])
-    return model.flange(R, carry(R, aim, -aim_seen))
+    return model.flange(R, carry(R, aim, -np.hstack([x, 0 * x, z])))
 
 
 def neighbours(
-    model: ScanModel,
-    R: ndarray,
-    T: ndarray,
-    each: int,
-    rng: Generator,
+    model: ScanModel, R: ndarray, T: ndarray, each: int, rng: Generator
 ) -> Frames:
     """Draw flange poses near some (P, 3, 3), (P, 3), `each` for each of them, about
     10 mm and 6° away or a fifth of that; those that are possible.
@@ -119,24 +101,23 @@ def refused(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
 
     Returns words (P,), "" for poses that are possible.
     """
-    limits = model.limits
-    _, flange = model.in_base(R, T)
+    limits, (_, flange) = model.limits, model.in_base(R, T)
     sensor = model.T_sensor if model.to_hand else model.planes(R, T)[1]
-    reasons = np.full(len(T), "", dtype=object)
+    why = np.full(len(T), "", dtype=object)
 
     tilt, spin, aside = off_square(model, R, T)
     turned = (tilt > limits.tilt_deg) | (np.abs(spin) > limits.spin_deg)
-    reasons[turned | (aside > limits.extent_mm)] = "are tilted, turned or aside too far"
+    why[turned | (aside > limits.extent_mm)] = "are tilted, turned or aside too far"
     for (*centre, radius), place in product(limits.avoid, (flange, sensor)):
         near = np.linalg.norm(place - centre, axis=-1) < radius
-        reasons[near] = "are in a zone to avoid"
-    outside = ((flange < limits.low) | (flange > limits.high)).any(axis=1)
-    reasons[outside] = "are outside the box"
+        why[near] = "are in a zone to avoid"
+    outside = (flange < limits.low) | (flange > limits.high)
+    why[outside.any(axis=1)] = "are outside the box"
 
-    left = np.flatnonzero(reasons == "")  # the next question takes the longest
+    left = np.flatnonzero(why == "")  # the next question takes the longest
     lost = left[worst_clearance(model, R[left], T[left]) < 0]
-    reasons[lost] = "may lose the target from view if the guess is as wrong as stated"
-    return reasons
+    why[lost] = "may lose the target from view if the guess is as wrong as stated"
+    return why
 
 
 def off_square(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
@@ -159,14 +140,10 @@ def off_square(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     Q = np.moveaxis(model.facing.T @ R_view, 0, -1)
     spin = np.arctan2(Q[1, 0] - Q[0, 1], Q[0, 0] + Q[1, 1])
     square = Q[2, 2]
-
-    middle = model.middle_seen(R_view, T_view)
-    ray = (R_view[..., ::2] @ middle[..., None])[..., 0]
+    ray = np.matvec(R_view[..., ::2], model.middle_seen(R_view, T_view))
     if model.beside_mm:
-        of_ray = ray @ model.facing[:, 2] / np.linalg.norm(ray, axis=1)
-        square = np.minimum(square, of_ray)
+        square = np.minimum(square, unit(ray) @ model.facing[:, 2])
     tilt = np.arccos(np.clip(square, -1, 1))
-
     origin, axes = model.target.frame
     along = np.abs((T_view + ray - origin) @ axes)[:, free_axes(model)]
     aside = np.nan_to_num(along.max(axis=1, initial=0.0), nan=np.inf)
@@ -177,11 +154,11 @@ def worst_clearance(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     """How far inside the field of view the target stays, however wrong the guess is.
 
     The guess may be wrong by up to its margins, or by 1 mm and 1°, for a view that
-    these spoil is none. An error is an array (3, 3) of shares of these, in the sensor's
-    axes: a shift, a turn of the sensor, a turn of the target. Each of the nine is tried
-    alone, either way, for what it costs. To first order a shift of shares s, |s| <= 1,
-    costs s · c, with c the costs along its axes: at most |c|. So do the turns, and the
-    worst case is the sum of the three.
+    these spoil is none. An error (9,) has shares of these, in the sensor's axes: of a
+    shift, a turn of the sensor, a turn of the target. Each of the nine is tried alone,
+    either way, for what it costs. To first order a shift of shares s, |s| <= 1, costs
+    s · c, with c the costs along its axes: at most |c|. So do the turns, and the worst
+    case is the sum of the three.
 
     The scan plane y = 0 leaves the target by a shift along y and turns about x, which
     no sum of costs tells: these are tried together.
@@ -191,48 +168,46 @@ def worst_clearance(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     """
     margins = model.guess.margins if model.guess else np.zeros(4)
     shift_mm, turn_rad, target_mm, target_rad = margins
-    largest = [shift_mm + target_mm, turn_rad, target_rad]
-    sizes = np.maximum(largest, [1, *np.radians([1, 1])])[:, None]
-    each = np.eye(9).reshape(9, 3, 3)
-    leaving = each[3] - each[1]
-    ways = np.array([*each, leaving + each[6], leaving - each[6]])
-    errors = sizes * np.concatenate([0 * each[:1], ways, -ways])
-    exact, *off = clearances(model, *model.planes(R, T), errors)
+    degree = np.radians(1)
+    sizes = np.maximum(
+        [shift_mm + target_mm, turn_rad, target_rad], [1, degree, degree]
+    )
+    one = np.eye(9)
+    ways = [*one, one[3] - one[1] + one[6], one[3] - one[1] - one[6]]
+    errors = np.concatenate([0 * one[:1], ways, np.negative(ways)])
+    exact, *off = clearances(model, R, T, sizes.repeat(3) * errors)
     lowest = np.minimum(off[:11], off[11:])  # NaN if either is
     cost = np.maximum(exact - lowest[:9], 0).reshape(3, 3, *exact.shape)
-    together = np.linalg.norm(cost, axis=1).sum(axis=0)
-    worst = (exact - together).min(axis=1)
-    worst[np.isnan(lowest[9:]).any(axis=(0, 2))] = np.nan
-    return np.nan_to_num(worst, nan=-np.inf)
+    worst = exact - np.linalg.norm(cost, axis=1).sum(axis=0)
+    missed = np.isnan(worst + lowest[9:].sum(axis=0))
+    return np.where(missed, -np.inf, worst).min(axis=1)
 
 
-def clearances(
-    model: ScanModel, R_view: ndarray, T_view: ndarray, errors: ndarray
-) -> ndarray:
+def clearances(model: ScanModel, R: ndarray, T: ndarray, errors: ndarray) -> ndarray:
     """How far inside each border of the field of view the target is seen.
 
-    The sensor frames R (P, 3, 3), T (P, 3) are off by each of `errors` (E, 3, 3): a
-    shift s and a turn in their own axes, mm and rad, and a turn u of the target about
-    its origin o, in these axes too. Returns (E, P, k) mm, NaN where the target is not
-    seen.
+    At flange poses (P, 3, 3), (P, 3) the sensor frames R, T are off by each of `errors`
+    (E, 9): a shift s and a turn in their own axes, mm and rad, and a turn u of the
+    target about its origin o, in these axes too. Returns (E, P, k) mm, NaN where the
+    target is not seen.
 
     A target turned by u shows what it shows unturned from a sensor that is turned back
     about o. With U the rotation by -u, R becomes R U; and the sensor's origin, which is
     s - Rᵀ(o - T) from o along its axes, comes to o + R U (s - Rᵀ(o - T)).
     """
-    shift, turn, target_turn = np.moveaxis(errors[:, :, None], 1, 0)
+    R_view, T_view = model.planes(R, T)
+    shift, turn, target_turn = errors.reshape(-1, 3, 1, 3).swapaxes(0, 1)
     origin = model.target.frame[0]
     R_back = R_view @ rotations(-target_turn)
-    from_origin = shift - carry(*inverse(R_view, T_view), origin)
-    T_back = carry(R_back, origin, from_origin)
+    T_back = carry(R_back, origin, shift - carry(*inverse(R_view, T_view), origin))
     turned = (R_back @ rotations(turn)).reshape(-1, 3, 3)
     points = model.points_seen(turned, T_back.reshape(-1, 3), 5)
     points = points.reshape(*T_back.shape[:2], *points.shape[1:])
     x, z = np.moveaxis(points, -1, 0)
 
-    scanner = model.scanner
     # a part of the field of view on each side: features need what is around them
-    border = 0.05 * (scanner.far - scanner.near) + model.beside_mm
-    side = 0.95 * scanner.half_width(z) - model.beside_mm
+    scanner, beside = model.scanner, model.beside_mm
+    border = 0.05 * (scanner.far - scanner.near) + beside
+    side = 0.95 * scanner.half_width(z) - beside
     borders = [z - scanner.near - border, scanner.far - border - z, side - x, side + x]
     return np.concatenate(borders, axis=-1)

@@ -1,78 +1,76 @@
-"""Which of many candidates to take: those that make the sensor pose's covariance small.
+"""Which of the possible poses together tell the most.
 
-What is made small is the larger of two: the largest standard deviation of the
-translation in any direction, and that of the rotation about any axis, each over the one
-that is wanted. A plan `lacks` that many times; the choice looks at `smooth_worst`,
-which is nearly the same and sees the directions behind the worst one too.
-
-A greedy start adds the candidate that helps most; then each pose in turn is exchanged
-for whatever serves best in its place (Fedorov 1972), a few rounds among neighbours. A
-plan is a list of candidates of one pool, by number.
+What poses say of the unknowns adds up: each is a block of information, so that a plan
+is chosen from a pool of them by small matrices alone. It grows by the best pose at a
+time, then poses are exchanged for better ones nearby.
 """
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy import ndarray
+from numpy.random import Generator
 from scipy.spatial.distance import cdist
 
+from profilecal.geometry.noise import Noise
 from profilecal.geometry.observability import LEAST_TURN_DEG
-from profilecal.geometry.poses import Frames, angle_between, chord
+from profilecal.geometry.poses import angle_between, chord
 from profilecal.geometry.progress import watched
-from profilecal.scan.scan import ScanError
-from profilecal_tool.plan.candidates import BEYOND, draw, joined, neighbours
+from profilecal.scan.tables import ScanError
+from profilecal.simulation.sweeps import Motion, drive, half_way, straight
+from profilecal_tool.plan.candidates import BEYOND, draw, neighbours, refused
 from profilecal_tool.plan.scan_model import (
     Prediction,
     ScanModel,
-    information,
+    joined,
     largest_sd,
     predict,
 )
 
+# An empty plan has a thousandth of the information that is known by hand. With far
+# less, rounding would choose.
+RIDGE = 1e-3
+NEGLIGIBLE = 1e-7  # of the largest eigenvalue of a block
+# so many times what is asked for, a standard deviation is no better than one by hand
+LEFT_OPEN = 100.0
 USUAL_SD = 0.1, 0.05  # mm and degrees that are good enough
 EXCHANGES = 6  # rounds; without neighbours, standard deviations are 10 % larger
 FEW = 15  # poses: fewer do not tell the size of the errors to 15 %
-NOWHERE = np.empty((0, 3, 3)), np.empty((0, 3))  # no poses
+Chosen = list[int]  # poses of a pool, by number
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Poses in the order to go through them, and what they are predicted to give."""
+    """Poses, or ends of sweeps at a speed, in their order, and what they are worth."""
 
     model: ScanModel
-    # flange poses (P, 3, 3), (P, 3), mm, as the joint solution has them
-    R: ndarray
-    T: ndarray
-    # with the poses that were there before
+    R: ndarray  # (P, 3, 3)
+    T: ndarray  # (P, 3) mm
     predicted: Prediction
-    # mm and degrees that were asked for
-    wanted_sd: Sequence[float] = USUAL_SD
-    # so many poses as these would be enough for that; 0: no number of them
-    enough_poses: int = 0
-    # whether only a second step, from the answer of these poses, can reach it
+    wanted_sd: Sequence[float] = USUAL_SD  # mm and degrees
+    enough_poses: int = 0  # like these, 0: not even ten times as many
     is_first_step: bool = False
-    # mm/s, where two poses at a time are the ends of a sweep
-    speed: float = 0.0
-    # why there are not as many sweeps as were to be
-    left_out: Sequence[str] = ()
-    # so many other poses do not have the target in view
-    unseen: int = 0
+    speed: float = 0.0  # mm/s
+    left_out: Sequence[str] = ()  # why sweeps are
+    unseen: int = 0  # poses that do not have the target in view
 
     @property
     def falls_short(self) -> bool:
-        """Whether the poses are not enough."""
+        """Whether they give less than was wanted."""
         return self.predicted.lacks(self.wanted_sd) > 1
 
 
 class Pool:
-    """Candidates, and their blocks of information on the unknowns.
+    """Possible poses, and what each by itself says of the unknowns x, beside a prior.
 
-    `R` (N, 3, 3) and `T` (N, 3) are their flange poses; `roots` (N, q, r) has V of each
-    block V Vᵀ, `prior` (q, q) what is there without them. The unknowns are in units:
-    the sensor pose in those of what is asked for, all others in those of what is known
-    of them beforehand.
+    All in units of the standard deviations wanted of the sensor pose, and of what is
+    known beforehand of the others. Pose i says V_i V_iᵀ, and poses together
+
+        C = (Π + Σ_i V_i V_iᵀ)⁻¹
     """
 
     def __init__(
@@ -81,174 +79,83 @@ class Pool:
         R: ndarray,
         T: ndarray,
         wanted_sd: Sequence[float],
-        before: Frames = NOWHERE,
     ) -> None:
-        """Of flange poses (N, 3, 3), (N, 3).
-
-        `wanted_sd`: mm and degrees; `before`: poses that are there already.
-        """
-        # An empty plan has a thousandth of the information that is known by hand. With
-        # far less, rounding would choose.
-        ridge = 1e-3
-        # of the largest eigenvalue of a block
-        negligible = 1e-7
+        """`wanted_sd`: mm and degrees."""
         problem, linear, variances = model.linear(R, T)
         precision, n = linear.precision.copy(), problem.n
-        precision[:n, :n] = np.diag(ridge / problem.units**2)
         unit = np.diag(precision) ** -0.5
-        if len(before[0]):
-            precision += information(model, *before)
         unit[:n] = problem.units
         unit[:6] = np.repeat([wanted_sd[0], np.radians(wanted_sd[1])], 3)
         scale = np.outer(unit, unit)
+        precision[:n, :n] = np.diag(RIDGE / problem.units**2)
+        if len(model.before[1]):
+            _, done, _ = model.linear(*model.before)
+            precision += done.posterior(variances[None]).normal[0, :-1, :-1]
         blocks = linear.alone(variances)[:, :-1, :-1] * scale
         values, vectors = np.linalg.eigh(blocks)
-        large = (values > negligible * values.max()).any(axis=0)
+        large = (values > NEGLIGIBLE * values.max()).any(axis=0)
         lengths = np.sqrt(np.maximum(values[:, None, large], 0))
         self.R, self.T = R, T
-        self.roots = vectors[..., large] * lengths
         self.prior = precision * scale
+        self.V = vectors[..., large] * lengths
 
-    def covariance(self, chosen: list[int], times: float = 1.0) -> ndarray:
-        """Of all unknowns (q, q) after `times` as many poses as the candidates
-        `chosen`.
+    def covariance(self, chosen: Chosen, times: float = 1.0) -> ndarray:
+        """C of the poses chosen, each so many times."""
+        V = self.V[chosen]
+        return np.linalg.inv(self.prior + times * np.tensordot(V, V, ((0, 2), (0, 2))))
+
+    def lacks(self, chosen: Chosen, times: float = 1.0) -> float:
+        """How many times the largest standard deviation is what is wanted."""
+        return largest_sd(self.covariance(chosen, times)[:6, :6]).max()
+
+    def with_each(self, chosen: Chosen) -> ndarray:
+        """The `smooth_worst` of the poses chosen and of one more, for each (N,). With S
+        = 1 + Vᵀ C V of that,
+
+            C' = C - C V S⁻¹ (C V)ᵀ        |C'| = |C| / |S|
+
+        While a direction is open, 1 / |S| in its place; inf for orientations that are
+        there.
         """
-        V = self.roots[chosen].transpose(1, 0, 2).reshape(len(self.prior), -1)
-        return np.linalg.inv(self.prior + times * V @ V.T)
+        C = self.covariance(chosen)
+        CV = C @ self.V
+        S = np.eye(CV.shape[2]) + self.V.mT @ CV
+        if smooth_worst(C) > LEFT_OPEN:
+            values = 1 / np.linalg.det(S)
+        else:
+            CV = CV[:, :6]
+            values = smooth_worst(C[:6, :6] - CV @ np.linalg.solve(S, CV.mT))
+        way = self.R.reshape(-1, 9)
+        near = cdist(way, way[chosen]) < chord(LEAST_TURN_DEG)
+        values[near.any(axis=1)] = np.inf
+        return values
 
-    def lacks(self, chosen: list[int], times: float = 1.0) -> float:
-        """How many times as large as asked for a plan's standard deviations are."""
-        return max(largest_sd(self.covariance(chosen, times)[:6, :6]))
-
-    def enough_poses(self, chosen: list[int], lacks: float) -> int:
-        """How many poses as the candidates `chosen` would be enough; 0: no number.
-        `lacks`: what they are predicted to, which the pool only nearly knows.
+    def enough_poses(self, chosen: Chosen, lacks: float) -> int:
+        """How many poses like those chosen are enough where these give so many times
+        what is wanted; 0: not even ten times as many.
         """
-        enough = self.lacks(chosen) / lacks
+        aim = self.lacks(chosen) / lacks
         for times in np.geomspace(1, 10, 50):
-            if self.lacks(chosen, times) <= enough:
+            if self.lacks(chosen, times) <= aim:
                 return int(np.ceil(times * len(chosen)))
         return 0
 
-    def with_each(self, chosen: list[int]) -> ndarray:
-        """How good a plan is with one of the candidates (N,) more; less is better.
-
-        It is `smooth_worst`. While poses leave a direction open, that would see no
-        other: it is the share of the covariance's volume that is left, less than 1. inf
-        for candidates whose orientation the plan has.
-
-        With W = C V of a candidate, the covariance becomes C - W (1 + Vᵀ W)⁻¹ Wᵀ, and
-        its determinant is divided by |1 + Vᵀ W|.
-        """
-        # so many times what is asked for, a standard deviation is no better than one by
-        # hand
-        left_open = 100.0
-        C = self.covariance(chosen)
-        W = C @ self.roots
-        inner = np.eye(W.shape[-1]) + self.roots.mT @ W
-        pose = C[:6, :6]
-        if smooth_worst(pose) > left_open:
-            values = 1 / np.linalg.det(inner)
-        else:
-            W = W[:, :6]
-            values = smooth_worst(pose - W @ np.linalg.solve(inner, W.mT))
-        R = self.R.reshape(-1, 9)
-        alike = cdist(R, R[chosen]) < chord(LEAST_TURN_DEG)
-        values[alike.any(axis=1)] = np.inf
-        return values
-
 
 def smooth_worst(C: ndarray) -> ndarray:
-    """Nearly `Pool.lacks`, but smooth, of covariances (..., 6, 6) of the sensor pose.
-
-    It is the root of the p-norm, p = 16, of the variances along the main axes of both
-    blocks, translation and rotation: hardly larger than the largest of them. The sum of
-    their 16th powers is the squared norm of a block's 8th power.
+    """Nearly the largest standard deviation of a shift or a turn, of covariances
+    (..., 6, 6), but smooth: (Σ λ¹⁶)^(1/32) over the variances λ along the axes of both
+    blocks A, Σ λ¹⁶ = ‖A⁸‖².
     """
-    power = np.stack([C[..., :3, :3], C[..., 3:, 3:]], axis=-3)
-    for _ in range(3):
-        power = power @ power
-    return np.sum(power**2, axis=(-3, -2, -1)) ** (1 / 32)
+    blocks = np.stack([C[..., :3, :3], C[..., 3:6, 3:6]])
+    powers = np.linalg.matrix_power(blocks, 8)
+    return np.sum(powers**2, axis=(0, -2, -1)) ** (1 / 32)
 
 
-def design(
-    model: ScanModel,
-    rng: np.random.Generator,
-    *,
-    before: Frames = NOWHERE,
-    **asked: Any,
-) -> Plan:
-    """The poses that serve a calibration best.
-
-    They are so many `poses`, or as many as it takes until the standard deviations of
-    translation and rotation are below `until`, mm and degrees, in every direction,
-    `most` of them at most, chosen among so many `candidates`: `asked` for so, or as the
-    model's `Limits` have it.
-    `before`: poses R (P, 3, 3), T (P, 3) that are there.
-
-    Raises ScanError where the limits leave too few poses.
-    """
-    limits = replace(model.limits, **asked)
-    wanted_sd = limits.until or USUAL_SD
-    drawn = draw(model, limits.candidates, rng, BEYOND)
-    # what smooth errors do must not depend on the poses, for information to add up
-    smooth = model.linear(*drawn)[0].smooth(model.state).known
-    fixed = replace(model, smooth=smooth)
-    pool = Pool(fixed, *drawn, wanted_sd, before)
-
-    def by_pool(chosen: list[int]) -> bool:
-        return not limits.poses and pool.lacks(chosen) <= 1
-
-    def by_prediction(chosen: list[int]) -> bool:
-        poses = joined(before, (pool.R[chosen], pool.T[chosen]))
-        return not limits.poses and predict(model, *poses).lacks(wanted_sd) <= 1
-
-    most = limits.poses or limits.most
-    chosen = grown(pool, [], most, by_pool)
-    for _ in watched(range(EXCHANGES), "exchanging poses"):
-        plan = pool.R[chosen], pool.T[chosen]
-        several = joined(plan, neighbours(model, *plan, 40, rng))
-        pool = Pool(fixed, *several, wanted_sd, before)
-        chosen = exchanged(pool, list(range(len(chosen))))
-        # better poses make up for others: the next round goes on from fewer
-        chosen = trimmed(chosen, by_pool)
-    # smooth errors as these poses have them are not quite those of the pool
-    chosen = trimmed(grown(pool, chosen, most, by_prediction), by_prediction)
-    R, T = pool.R[chosen], pool.T[chosen]
-    predicted = predict(model, *joined(before, (R, T)), rng)
-    way = there_and_back(short_way(R, T))
-    enough = pool.enough_poses(chosen, predicted.lacks(wanted_sd))
-    return Plan(model, R[way], T[way], predicted, wanted_sd, enough)
-
-
-def grown(
-    pool: Pool, chosen: list[int], most: int, suffice: Callable[[list[int]], bool]
-) -> list[int]:
-    """A plan with whatever helps most, until its poses suffice or are so many."""
-    for _ in watched(range(len(chosen), most), "choosing poses"):
-        if chosen and suffice(chosen):
-            break
-        chosen = added(pool, chosen)
-    return chosen
-
-
-def trimmed(chosen: list[int], suffice: Callable[[list[int]], bool]) -> list[int]:
-    """A plan without the poses that it does not take to suffice."""
-    for pose in list(chosen):
-        fewer = [other for other in chosen if other != pose]
-        if fewer and suffice(fewer):
-            chosen = fewer
-    return chosen
-
-
-def added(pool: Pool, chosen: list[int]) -> list[int]:
-    """A plan with the one candidate more that helps most.
-
-    Raises ScanError where none is left.
-    """
+def added(pool: Pool, chosen: Chosen) -> Chosen:
+    """One pose more, the best. Raises ScanError where none is left."""
     values = pool.with_each(chosen)
-    best = int(np.argmin(values))
-    if values[best] == np.inf:
+    best = int(values.argmin())
+    if np.isinf(values[best]):
         raise ScanError(
             f"no pose is left whose orientation differs by {LEAST_TURN_DEG:g}° or more "
             f"from those of the {len(chosen)} chosen; widen tilt_deg or spin_deg, or "
@@ -257,21 +164,85 @@ def added(pool: Pool, chosen: list[int]) -> list[int]:
     return [*chosen, best]
 
 
-def exchanged(pool: Pool, chosen: list[int]) -> list[int]:
+def exchanged(pool: Pool, chosen: Chosen) -> Chosen:
     """A plan in which each pose in turn gives way to what serves best in its place."""
-    plan = list(chosen)
-    least = smooth_worst(pool.covariance(plan)[:6, :6])
-    for place in range(len(plan)):
-        # where the others leave a direction open, all values are less than `least`
-        values = pool.with_each(plan[:place] + plan[place + 1 :])
-        best = int(np.argmin(values))
-        if values[best] < least:
-            plan[place] = best
-            least = values[best]
+    plan = chosen
+    for _ in chosen:
+        plan = added(pool, plan[1:])
     return min(chosen, plan, key=pool.lacks)
 
 
-def there_and_back(way: list[int]) -> list[int]:
+def fitted(
+    pool: Pool, chosen: Chosen, most: int, suffice: Callable[[Chosen], bool]
+) -> Chosen:
+    """A plan with whatever helps most, until its poses suffice or are so many; then
+    without those that it does not take.
+    """
+    for _ in watched(range(len(chosen), most), "choosing poses"):
+        if chosen and suffice(chosen):
+            break
+        chosen = added(pool, chosen)
+    for pose in chosen:
+        fewer = [other for other in chosen if other != pose]
+        if fewer and suffice(fewer):
+            chosen = fewer
+    return chosen
+
+
+def design(model: ScanModel, rng: Generator, **asked: Any) -> Plan:
+    """The poses that serve a calibration best.
+
+    They are so many `poses`, or as many as it takes until the standard deviations of
+    translation and rotation are below `until`, mm and degrees, in every direction,
+    `most` of them at most, chosen among so many `candidates`: `asked` for so, or as the
+    model's `Limits` have it.
+
+    Raises ScanError where the limits leave too few poses.
+    """
+    limits = replace(model.limits, **asked)
+    wanted_sd, most = limits.until or USUAL_SD, limits.poses or limits.most
+    drawn = draw(model, limits.candidates, rng, BEYOND)
+    # what smooth errors do must not depend on the poses, for information to add up
+    smooth = model.linear(*drawn)[0].smooth(model.state).known
+    fixed = replace(model, smooth=smooth)
+    pool = Pool(fixed, *drawn, wanted_sd)
+
+    def by_pool(chosen: Chosen) -> bool:
+        return not limits.poses and pool.lacks(chosen) <= 1
+
+    def by_prediction(chosen: Chosen) -> bool:
+        poses = pool.R[chosen], pool.T[chosen]
+        return not limits.poses and predict(model, *poses).lacks(wanted_sd) <= 1
+
+    chosen = fitted(pool, [], most, by_pool)
+    for _ in watched(range(EXCHANGES), "exchanging poses"):
+        plan = pool.R[chosen], pool.T[chosen]
+        poses = joined(plan, neighbours(model, *plan, 40, rng))
+        pool = Pool(fixed, *poses, wanted_sd)
+        # better poses make up for others: the next round goes on from fewer
+        chosen = exchanged(pool, [*range(len(chosen))])
+        chosen = fitted(pool, chosen, most, by_pool)
+    # smooth errors as these poses have them are not quite those of the pool
+    chosen = fitted(pool, chosen, most, by_prediction)
+    R, T = pool.R[chosen], pool.T[chosen]
+    predicted = predict(model, R, T, rng)
+    way = there_and_back(short_way(R, T))
+    enough = pool.enough_poses(chosen, predicted.lacks(wanted_sd))
+    return Plan(model, R[way], T[way], predicted, wanted_sd, enough)
+
+
+def short_way(R: ndarray, T: ndarray) -> Chosen:
+    """Poses in an order, from the first one each time to the nearest."""
+    apart = np.linalg.norm(T[:, None] - T, axis=2)
+    apart += 3 * np.degrees(angle_between(R[:, None], R))
+    way = [0]
+    while len(way) < len(T):
+        apart[:, way[-1]] = np.inf
+        way.append(int(apart[way[-1]].argmin()))
+    return way
+
+
+def there_and_back(way: Chosen) -> Chosen:
     """Every other place of a way, and on the way back the others.
 
     Errors that depend on the place, as an arm's do, then look like no drift: at each
@@ -280,15 +251,65 @@ def there_and_back(way: list[int]) -> list[int]:
     return way[::2] + way[1::2][::-1]
 
 
-def short_way(R: ndarray, T: ndarray) -> list[int]:
-    """An order of poses (P, 3, 3), (P, 3) with a short way: to the nearest each time.
-
-    A degree counts as 3 mm.
+def line_through(model: ScanModel, R: ndarray, T: ndarray) -> tuple[ndarray, str]:
+    """Both ends (2, 3) of the longest possible line across the target through a flange
+    pose (3, 3), (3,), and why there is none, "" where there is.
     """
-    turn_deg = np.degrees(angle_between(R[:, None], R))
-    far = np.linalg.norm(T[:, None] - T, axis=-1) + 3 * turn_deg
-    order = [0]
-    while len(order) < len(T):
-        far[:, order[-1]] = np.inf
-        order.append(int(np.argmin(far[order[-1]])))
-    return order
+    half = R @ model.R_sensor @ half_way(model)
+    for share, middle in product((1, 1 / 2, 1 / 4), (0, 1, -1)):
+        ends = T + share * np.outer([middle - 1, middle + 1], half)
+        begin, end = refused(model, np.array([R, R]), ends)
+        if not (begin or end):
+            break
+    return ends, begin or end
+
+
+def along_lines(plan: Plan, motion: Motion, rng: Generator) -> Plan:
+    """A plan of lines through the poses of a plan, each driven there and back at the
+    speed of a motion; its poses are where the sweeps begin and end.
+
+    A delay between the clocks of robot and scanner shifts what is seen along the
+    motion: on the way back the other way. A wrong mount shifts both alike.
+
+    Raises ScanError where no line is possible.
+    """
+    model = plan.model
+    lines = [line_through(model, *pose) for pose in zip(plan.R, plan.T, strict=True)]
+    ends, why = map(np.array, zip(*lines, strict=True))
+    possible = why == ""
+    left_out = [
+        f"{count} line{'s' * (count > 1)} whose ends {reason}"
+        for reason, count in Counter(why[~possible].tolist()).most_common()
+    ]
+    if not possible.any():
+        reasons = ", ".join(left_out)
+        raise ScanError(f"no straight sweep fits within the limits: {reasons}")
+    R = plan.R[possible].repeat(4, axis=0)
+    T = ends[possible][:, [0, 1, 1, 0]].reshape(-1, 3)
+    said, flange = drive(
+        model,
+        # few rows of a log tell straight lines
+        Motion(profiles=motion.profiles, delay_ms=0.0, log_hz=2.0),
+        Noise(),
+        rng,
+        spread_deg=0.0,
+        to_hand=model.to_hand,
+        planned=straight(model, R, T, motion.speed),
+    )
+    predicted = predict(
+        model,
+        *model.in_base(*flange),
+        rng,
+        log=said["log"],
+        times=said["times"][None],
+        group=np.array(said["sweeps"]),
+    )
+    return Plan(
+        model,
+        R,
+        T,
+        predicted,
+        plan.wanted_sd,
+        speed=motion.speed,
+        left_out=left_out,
+    )

@@ -1,6 +1,6 @@
-"""Specifications of plans: a guess in place of the truth, limits, poses in a file."""
+"""What SPEC.toml says of a plan: a rough guess of where everything is, and limits."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,35 +9,40 @@ import numpy as np
 from numpy import ndarray
 from numpy.random import Generator
 
-from profilecal.geometry.poses import inverse, rotation_from_xyz_angles, rotations
+from profilecal.geometry.poses import (
+    inverse,
+    rotation_from_xyz_angles,
+    rotations,
+    unit,
+)
 from profilecal.scan.folder import read_header, read_poses
-from profilecal.scan.scan import ScanError
-from profilecal.scan.toml import number, numbers, whole
+from profilecal.scan.tables import ScanError
+from profilecal.scan.toml import Entries, number, numbers, whole
 from profilecal.simulation.scene import Scene, Setup, in_unit_ball
 from profilecal.simulation.spec import Spec, read_spec
 from profilecal.simulation.sweeps import Sweep, straight
 from profilecal.targets import TARGETS
 
+LEAST = 100  # candidates from which a plan can still choose
 Vector = Annotated[Sequence[float], numbers(3)]
 Margin = Annotated[float, number(0, 90)]
-LEAST = 100  # candidates from which a plan can still choose
+
+
+def are_zones(value: Any) -> bool:
+    """Whether a value is a list of [x, y, z, radius]."""
+    is_zone, _ = numbers(4)
+    return isinstance(value, list) and all(is_zone(z) and z[3] > 0 for z in value)
 
 
 @dataclass(frozen=True)
 class Guess:
-    """Roughly where the sensor is on the flange and the target in the base frame;
-    eye-to-hand: the sensor in the base, the target on the flange.
-
-    And by how much that may be wrong, at most, in any direction.
-    """
+    """Where sensor and target are, roughly, and how wrong that may be."""
 
     # X Y Z mm, W P R degrees, R = Rz(R) Ry(P) Rx(W)
     mount: Annotated[Sequence[float], numbers(6)]
-    target: Vector  # mm, its origin
-    # along an edge or a rod; for others, across the laser line
-    axis: Vector = (0.0, 1.0, 0.0)
-    # from the target towards the scanner; a face's or a disk's normal
-    up: Vector = (0.0, 0.0, 1.0)
+    target: Vector  # mm
+    axis: Vector = (0.0, 1.0, 0.0)  # the target's, or across the laser line
+    up: Vector = (0.0, 0.0, 1.0)  # from the target towards the scanner
     mount_mm: Margin = 5.0
     mount_deg: Margin = 3.0
     target_mm: Margin = 5.0
@@ -52,17 +57,20 @@ class Guess:
 
     @property
     def margins(self) -> ndarray:
-        """By how much a shift and a turn of the sensor, then of the target, may be
-        wrong, (4,) mm and rad.
+        """By how much the sensor may be shifted and turned otherwise, and the target,
+        (4,), mm and rad.
         """
-        mount_rad, target_rad = np.radians([self.mount_deg, self.target_deg])
-        return np.array([self.mount_mm, mount_rad, self.target_mm, target_rad])
+        turns = np.radians([self.mount_deg, self.target_deg])
+        return np.array([self.mount_mm, turns[0], self.target_mm, turns[1]])
 
     def setup(
         self, kind: str, sizes: Sequence[float], rng: Generator | None = None
     ) -> Setup:
-        """What is guessed; with `rng` a truth that the guess is wrong about by no more
-        than its margins.
+        """A target of this kind and a sensor where they are guessed to be, or, with an
+        `rng`, anywhere within the margins.
+
+        The sensor looks at the target squarely along z = -up and y = axis; x = y × z.
+        Of the two the target's own direction is kept, the other made square to it.
         """
         target = TARGETS[kind]
         y, z = np.array(self.axis), -np.array(self.up)
@@ -71,76 +79,56 @@ class Guess:
             z = np.cross(x, y)
         else:
             y = np.cross(z, x)
-        looking = np.stack([x, y, z], axis=1)
-        looking = looking / np.linalg.norm(looking, axis=0)
-        wrong = in_unit_ball(rng, 4) if rng else np.zeros((4, 3))
-        shift, turn, moved, turned = self.margins[:, None] * wrong
-        facing = rotations(turned) @ looking
+        wrong = np.zeros((4, 3)) if rng is None else in_unit_ball(rng, 4)
+        shift, turn, moved, turned = wrong * self.margins[:, None]
+        facing = rotations(turned) @ unit(np.array([x, y, z])).T
         placed = target.at(self.target + moved, facing @ target.stance, sizes)
         R_sensor = rotation_from_xyz_angles(np.radians(self.mount[3:]))
         return Setup(placed, facing, R_sensor @ rotations(turn), self.mount[:3] + shift)
 
 
-def are_zones(value: object) -> bool:
-    """Whether an entry is a list of zones."""
-    has_four, _ = numbers(4)
-    return isinstance(value, list) and all(
-        has_four(zone) and zone[3] > 0 for zone in value
-    )
-
-
-ZONES = are_zones, "a list of zones, each x, y, z and a radius above 0"
-
-
 @dataclass(frozen=True)
 class Limits:
-    """What is asked of a plan, and where the robot may go: the table [plan]."""
+    """How many poses are wanted, and where the robot may go."""
 
-    # so many; 0: as many as `until` takes, and `most` at most
+    # 0: as many as `until` takes
     poses: Annotated[int, whole(0, 1000)] = 0
     most: Annotated[int, whole(1, 1000)] = 100
-    # to choose among: of twice as many in twice the time, plans are 2 % better
     candidates: Annotated[int, whole(LEAST, 100_000)] = 2000
-    # standard deviations that are good enough, mm and degrees; empty: as usual
+    # mm and degrees, one standard deviation in the worst direction; empty: as usual
     until: Annotated[Sequence[float], numbers(2)] = ()
-    # of the flange's positions in the base frame, mm
+    # the box for the flange, mm in the base
     low: Vector = (-np.inf,) * 3
     high: Vector = (np.inf,) * 3
-    # of the direction of view against looking at the target squarely
     tilt_deg: Annotated[float, number(0, 80)] = 30.0
-    # about the direction of view
     spin_deg: Annotated[float, number(0, 180)] = 45.0
-    # how far from the guess an edge, a rod or a face is seen, to either side
     extent_mm: Annotated[float, number(0, 1000)] = 50.0
-    # zones x, y, z, radius: where neither flange nor sensor may be
-    avoid: Annotated[Sequence[Sequence[float]], ZONES] = ()
+    # where neither flange nor sensor may be
+    avoid: Annotated[
+        Sequence, (are_zones, "a list of zones, each x, y, z and a radius above 0")
+    ] = ()
 
     def __post_init__(self) -> None:
-        if not all(0 < value < np.inf for value in self.until):
-            raise ValueError(
-                f"until is {list(self.until)}; expected mm and degrees, both positive"
-            )
+        if not all(0 < sd < np.inf for sd in self.until):
+            expected = "expected mm and degrees, both positive"
+            raise ValueError(f"until is {[*self.until]}; {expected}")
         for axis, low, high in zip("xyz", self.low, self.high, strict=True):
             if low >= high:
-                raise ValueError(
-                    f"the box is empty along {axis}: "
-                    f"low is {low:g} and high is {high:g} mm"
-                )
+                ends = f"low is {low:g} and high is {high:g} mm"
+                raise ValueError(f"the box is empty along {axis}: {ends}")
 
 
 @dataclass(frozen=True)
 class PlannedSpec(Spec):
-    """What to simulate, where sensor and target are guessed."""
+    """A specification whose poses are planned, or were."""
 
     guess: Annotated[Guess | None, Guess] = None
-    # a file poses.csv that says where the robot goes; then sensor and target are where
-    # the guess has them, but for its margins
-    poses: str = ""
+    poses: str = ""  # a file
     plan: Limits = Limits()
 
     def setup(self, rng: Generator | None = None) -> Setup:
-        """What is guessed, or with `rng` a truth, as `Guess.setup` has them. Raises
-        ScanError without a guess.
+        """Where everything is by the guess, as `Guess.setup` has it. Raises
+        ScanError.
         """
         if self.guess is None:
             raise ScanError(
@@ -149,54 +137,47 @@ class PlannedSpec(Spec):
         return self.guess.setup(self.kind, tuple(self.measures.values()), rng)
 
     def scene(self, rng: Generator) -> Scene:
-        """A truth, and the poses of the file."""
+        """What is seen from the planned poses of a target that is not quite where it
+        was guessed to be. An operator steers the scan plane through a marked point.
+        """
         if not self.poses:
             return super().scene(rng)
-        setup = self.setup(rng)
-        said, R, T = planned_poses(self.poses, self.to_hand)
-        if setup.target.steered:  # by the operator, as far as this takes
+        setup, said = self.setup(rng), planned_poses(self.poses)
+        R, T = said["R_base_flange"], said["p_base_flange"]
+        if self.to_hand:
+            R, T = inverse(R, T)
+        if setup.target.steered:
             R_view, T_view = setup.planes(R, T)
-            across = R_view[..., 1]
-            off = np.vecdot(setup.target.frame[0] - T_view, across)
-            off = off - self.noise.steering_mm * rng.normal(size=len(T))
-            T = T + off[:, None] * across
+            y = R_view[..., 1]
+            missed = self.noise.steering_mm * rng.normal(size=len(T))
+            way = np.vecdot(y, setup.target.frame[0] - T_view) - missed
+            T = T + way[:, None] * y
         return Scene.of(setup, (R, T[:, None]), said["labels"], said["group"])
 
-    def sweeps(self, scene: Scene) -> list[Sweep]:
-        """Straight ones between two poses of the file at a time. Raises ScanError for
-        a file of others.
-        """
+    def sweeps(self, scene: Scene) -> Sequence[Sweep]:
+        """Those between the planned poses, two of each. Raises ScanError."""
         if not (self.poses and self.motion):
-            return []
-        (R,), (T,) = scene.observations.R_flange, scene.observations.T_flange
-        begin, end = T[::2], T[1::2]
-        if len(begin) != len(end) or (begin == end).all(axis=1).any():
-            raise ScanError(
-                f"{self.poses}: expected two rows for each sweep, where it begins and "
-                "where it ends"
-            )
+            return ()
+        R, T = scene.poses[0], scene.poses[1][:, 0]
+        if len(T) % 2 or (T[::2] == T[1::2]).all(axis=1).any():
+            expected = "two rows for each sweep, where it begins and where it ends"
+            raise ScanError(f"{self.poses}: expected {expected}")
         return straight(scene, R, T, self.motion.speed)
 
 
-def read_specification(said: dict[str, Any], path: str | Path) -> PlannedSpec:
-    """A specification from the content of a TOML file `path`, which may have a guess,
-    planned poses and the table [plan]. Raises ScanError.
-    """
+def read_specification(said: Mapping[str, Any], path: str | Path) -> PlannedSpec:
+    """A specification from the content of a TOML file. Raises ScanError."""
     spec = read_spec(said, path, PlannedSpec)
-    poses = Path(path).parent / spec.poses
-    return replace(spec, poses=str(poses)) if spec.poses else spec
+    beside = spec.poses and str(Path(path).parent / spec.poses)
+    return replace(spec, poses=beside)
 
 
-def planned_poses(
-    place: str | Path, to_hand: bool
-) -> tuple[dict[str, Any], ndarray, ndarray]:
-    """What a table of poses says, or that of a scan folder, as `scan.folder.read_poses`
-    has it; and R (P, 3, 3), T (P, 3) as the calibration takes them. Raises ScanError.
+def planned_poses(place: str | Path) -> Entries:
+    """The poses of a CSV file in mm, or of a scan folder, as `read_poses` has them.
+    Raises ScanError.
     """
-    place, scale = Path(place), 1.0
-    if place.is_dir():
-        _, scale = read_header(place / "scan.toml")
-        place = place / "poses.csv"
-    said = read_poses(place, scale)
-    pose = said["R_base_flange"], said["p_base_flange"]
-    return said, *(inverse(*pose) if to_hand else pose)
+    path, scale = Path(place), 1.0
+    if path.is_dir():
+        _, scale = read_header(path / "scan.toml")
+        path = path / "poses.csv"
+    return read_poses(path, scale)

@@ -5,25 +5,24 @@ from pathlib import Path
 
 from profilecal.geometry.observability import name_direction, size_direction
 from profilecal_tool.plan.design import FEW, Plan
-from profilecal_tool.plan.scan_model import GUESSES, Prediction
+from profilecal_tool.plan.scan_model import DRAWS, Prediction
 from profilecal_tool.words import deviations
 
 
-def plan_lines(plan: Plan, as_asked: bool) -> list[str]:
+def plan_lines(plan: Plan, as_asked: object) -> list[str]:
     """A plan in lines, after what its prediction counts with; `as_asked`: it was to
-    have these poses and no others.
+    have these poses, or so many.
     """
-    model, prediction = plan.model, plan.predicted
-    noise, spectrum, count = model.noise, prediction.spectrum, len(plan.T)
-    direction, sd = spectrum.directions[0], spectrum.sd[0]
+    model, predicted, count = plan.model, plan.predicted, len(plan.T)
+    noise, direction, sd = model.noise, predicted.directions[0], predicted.sd[0]
     frame = "base" if model.to_hand else "flange"
     weakest = name_direction(direction, model.R_sensor, frame)
     size = size_direction(sd, direction) if sd < 10 else "open"
-    what, some_new = "poses", ""
+    counted = f"{predicted.poses} poses"
     if plan.speed:
-        what = "profiles"
-    elif count < prediction.poses:
-        some_new = f", {count} of them new"
+        counted = f"{predicted.poses} profiles"
+    elif count < predicted.poses:
+        counted += f", {count} of them new"
     lines = [
         f"noise          {noise.profile_mm:.2g} mm of a feature's coordinates",
         f"robot errors   {noise.position_mm:.2g} mm and {noise.orientation_deg:.2g}° "
@@ -31,31 +30,28 @@ def plan_lines(plan: Plan, as_asked: bool) -> list[str]:
         f"{noise.group_orientation_deg:.2g}° at each orientation, "
         f"{noise.repeatability_mm:.2g} mm and {noise.repeatability_deg:.2g}° "
         "at each visit",
-        f"status         {spectrum.status}, "
-        f"predicted for {prediction.poses} {what}{some_new}",
-        f"one sd         {deviations(prediction.covariance)} "
-        "about the sensor's x, y, z",
-        f"worst          {worst(prediction)} in any direction",
+        f"status         {predicted.status}, predicted for {counted}",
+        f"one sd         {deviations(predicted.covariance)} about the sensor's x, y, z",
+        f"worst          {worst(predicted)} in any direction",
     ]
-    if prediction.between and spectrum.status != "unobservable":
-        (mm, deg), (most_mm, most_deg) = prediction.between
+    if predicted.between and worst(predicted) != "open":
+        (mm, deg), (most_mm, most_deg) = predicted.between
         between = f"{mm:.2g} to {most_mm:.2g} mm and {deg:.2g} to {most_deg:.2g}°"
-        lines.append(
-            f"               {between} in {GUESSES} draws of how wrong the guess is"
-        )
+        lines.append(f"{'':15}{between} in {DRAWS} draws of how wrong the guess is")
     lines.append(f"weakest        {weakest}, {size}")
     if plan.speed:
         lines += [
-            f"delay          ± {1e3 * prediction.delay_sd_s:.2g} ms",
+            f"delay          ± {1e3 * predicted.delay_sd_s:.2g} ms",
             f"sweeps         {count // 2}, driven there and back: a delay shifts both "
             "ways apart, a wrong mount does not",
-            *(f"left out       {why}" for why in plan.left_out),
         ]
+    lines += [f"left out       {why}" for why in plan.left_out]
     return lines + [f"note           {note}" for note in notes(plan, as_asked)]
 
 
-def notes(plan: Plan, as_asked: bool) -> Iterator[str]:
+def notes(plan: Plan, as_asked: object) -> Iterator[str]:
     """What else there is to say of a plan."""
+    count, wished = len(plan.T), "{:g} mm and {:g}°".format(*plan.wanted_sd)
     if plan.unseen:
         yield (
             f"{plan.unseen} other poses do not have the target in view, "
@@ -68,7 +64,6 @@ def notes(plan: Plan, as_asked: bool) -> Iterator[str]:
             "calibrate finds an error in this scan; "
             "while that lasts, it will state more than is predicted"
         )
-    count, wished = len(plan.T), "{:g} mm and {:g}°".format(*plan.wanted_sd)
     if plan.is_first_step:
         yield (
             "a first step: with a guess as wrong as stated, as many poses as allowed "
@@ -85,17 +80,19 @@ def notes(plan: Plan, as_asked: bool) -> Iterator[str]:
         yield f"{count} poses are not enough for {wished}; {like}"
 
 
-def worst(prediction: Prediction) -> str:
+def worst(predicted: Prediction) -> str:
     """The largest standard deviations of a prediction."""
-    if prediction.spectrum.status == "unobservable":
+    if predicted.status == "unobservable":
         return "open"
-    return f"{prediction.mm:.2g} mm and {prediction.deg:.2g}°"
+    return f"{predicted.mm:.2g} mm and {predicted.deg:.2g}°"
 
 
 def steps(plan: Plan, spec: Path, folder: Path | None) -> list[str]:
     """What to do with a plan of a specification or a scan, in a folder or in none."""
     if not folder:
         return [f"next: profilecal plan {spec} NEW-FOLDER writes it"]
+    if worst(plan.predicted) == "open":
+        return [f"{folder}/ written", "next: plan more poses, or larger turns"]
     written = f"{folder}/ written; look at {folder / 'plan.png'}, drive "
     if plan.speed:
         return [
@@ -104,27 +101,23 @@ def steps(plan: Plan, spec: Path, folder: Path | None) -> list[str]:
             "next: put log.csv and the measurements with sweep and t beside it "
             f"(data/README.md: In motion), then profilecal calibrate {folder}",
         ]
-    if plan.predicted.spectrum.status == "unobservable":
-        return [f"{folder}/ written", "next: plan more poses, or larger turns"]
-    target, is_scan = plan.model.target, spec.is_dir()
+    target, is_scan, poses = plan.model.target, spec.is_dir(), folder / "poses.csv"
     scans = f"{spec} {folder}, both at once" if is_scan else folder
     lines = [
-        f"{written}{folder / 'poses.csv'}",
+        f"{written}{poses}",
         f"next: put {target.tables[0]}.csv beside it (data/README.md has its columns), "
         f"then profilecal calibrate {scans}",
     ]
     if not is_scan:
-        lengths = [f" --{name} {getattr(target, name):g}" for name in target.lengths]
-        mount = " --mount eye-to-hand" if plan.model.to_hand else ""
+        said = [f"--{name} {getattr(target, name):g} " for name in target.lengths]
+        said += ["--mount eye-to-hand "] * plan.model.to_hand
         lines.append(
             "or take the scanner's files: profilecal import DIR NEW-FOLDER "
-            f"--target {target.kind}{''.join(lengths)}{mount} "
-            f"--poses {folder / 'poses.csv'}"
+            f"--target {target.kind} {''.join(said)}--poses {poses}"
         )
     if plan.is_first_step:
-        mm, deg = plan.wanted_sd
         lines.append(
             f"and then: profilecal plan {folder} SECOND-FOLDER "
-            f"--until {mm:g} {deg:g} --within {spec}"
+            f"{'--until {:g} {:g}'.format(*plan.wanted_sd)} --within {spec}"
         )
     return lines

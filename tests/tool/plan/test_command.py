@@ -212,6 +212,9 @@ def test_only_after_a_scan_a_specification_says_where_the_robot_may_go(tmp_path)
     assert "scan: not a file" in result.output
     assert run("plan", scan, more, "--within", spec).exit_code == 0
     assert pd.read_csv(more / "poses.csv")["z"].max() <= 320
+    ball = spec_in(tmp_path, ('"edge"', '"ball"'))
+    said = run("plan", scan, "--within", ball).output
+    assert "spec.toml: kind is ball; expected edge" in said
 
 
 GUESS = "[guess]\nmount = [60, -40, 110, 170, 10, 30]\ntarget = [900, 50, 300]\n"

@@ -24,6 +24,8 @@ def test_planned_sweeps_give_what_is_predicted(tmp_path, change):
     count = int(re.search(r"sweeps +(\d+), driven there and back", said)[1])
     assert 8 <= count <= 16  # lines that leave the limits are left out
     mm, deg = worst(said)
+    given = run("plan", spec, "--of", tmp_path / "plan/sweeps.csv").output
+    assert "sweeps.csv has sweeps; expected poses at rest" in given
     run("simulate", tmp_path / "plan" / "simulate.toml", tmp_path / "scan")
     scan = pc.read_scan(tmp_path / "scan")
     found = pc.calibrate(scan)
