@@ -43,6 +43,7 @@ class Robot:
     tool: Sequence[str] = ()
     base: Sequence[str] = ()
     uses: Sequence[str] = ()
+    moved: Sequence[str] = ()
     tools_in: str = "tool"
     unit: str = "mm"
     angle: str = ""

@@ -71,11 +71,11 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
             begin, *end = map(re.escape, robot.remark.split())
             ends = rf"{end[0]}|\Z" if end else "$"
             rest = blanked(rf"(?ms){begin}.*?({ends})", text)
-        every = ("base", "tool", "uses", "pose")
+        every = ("base", "tool", "uses", "moved", "pose")
         kinds = every if robot.has in text else ("tool",)
         for kind in kinds:
             table, others = matches_of(getattr(robot, kind), rest)
-            if kind != "uses":  # a move that has a tool may have a pose in it too
+            if kind not in ("uses", "moved"):  # which may have a pose in them too
                 rest = others
             if len(table):
                 titles = [*table.columns]

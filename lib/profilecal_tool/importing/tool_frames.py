@@ -85,6 +85,8 @@ def of_one_tool(
             poses = without(poses, {used})
     if base not in {"", *WORDS["no_frame"]}:
         words += f"; in base {base}, not taken off"
+    if said_in_program(poses, beside, "moved"):
+        words += "; moves beside poses, such as offsets, are not read"
     taken["tool"] = words
     return poses, tool
 

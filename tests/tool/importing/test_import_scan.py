@@ -460,6 +460,11 @@ TOOLS = {
         "rx, ry, rz: a rotation vector",
     ),
     "a base": (people.kuka, ("BASE_NO 0", "BASE_NO 2", 12), "in base 2, not taken off"),
+    "an offset": (
+        people.abb,
+        ("MoveL p", "MoveL RelTool(p", 12),
+        "taken off; in base wball, not taken off; moves beside poses",
+    ),
     "a frame in the program": (
         people.kuka,
         ("DECL FDAT", "$TOOL={X 12,Y 0,Z 0,A 0,B 0,C 0}\n$BASE=BASE_DATA[2];", 12),
@@ -732,7 +737,7 @@ def test_what_a_user_knows_is_kept_and_pictures_are_passed_over(tmp_path):
     assert "unknown entry 'colums'" in run(*command).output
 
 
-KINDS = ("pose", "tool", "base", "uses")
+KINDS = ("pose", "tool", "base", "uses", "moved")
 
 
 @pytest.mark.parametrize("kind", KINDS)
