@@ -3,13 +3,13 @@
 In: a folder, what was scanned, and what is said of the files (`questions.Layout`).
 Out: a `Scan`, and what was taken for granted; or a `Question` with its answer.
 
-    files ─► tables ─► columns by what they are ─► poses ────┐
-             (`Block`) (makers.toml)               profiles ─┴─► paired ─► scan
+    files ─► blocks ─► columns by what they are ─► poses ────┐
+            (`Block`)  (makers.toml)               profiles ─┴─► paired ─► scan
 
-1. `read_file` makes tables of any file: `text_tables`, `program_lines`,
-   `nested_lists`, `array_files` (with sheets). None of them knows what a pose is.
-2. `blocks` tells by titles alone what a column is; what it does not know is
-   asked.
+1. `read_file` makes blocks of any file: of delimited text and sheets itself, with
+   `program_lines` and `lists_and_arrays` of others.
+2. `blocks` tells what a column is by its title, and in a list by how many numbers
+   there are; what it does not know is asked.
 3. `robot_poses` and `scanner_profiles` take the numbers, with their units. In a table
    that holds both, a profile has the pose of its first row.
 4. `pair_profiles` finds the pose of each profile: by label, by time, in order.

@@ -9,6 +9,7 @@ from pandas import DataFrame
 from profilecal_tool.importing.blocks import Block
 from profilecal_tool.importing.makers import ROBOTS
 
+OF_MOVES = {"uses", "moved"}  # kinds of lines that may have a pose in them too
 WORD = r"[\w$][\w$.\[\]]*?"  # what stands where $name, $tool or $base does
 CELL = r"[^\s,;:()\[\]{}\"'=]+"  # a number, or ******** in place of one
 SIGNS = {
@@ -62,7 +63,7 @@ def matches_of(lines: Sequence[str], text: str) -> tuple[DataFrame, str]:
 
 
 def program_blocks(path: Path, text: str) -> Iterator[Block]:
-    """The tools, poses and uses in a program but for its remarks, of each maker that
+    """The tools, poses and moves in a program but for its remarks, of each maker that
     writes such lines.
     """
     for maker, robot in ROBOTS.items():
@@ -75,7 +76,7 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
         kinds = every if robot.has in text else ("tool",)
         for kind in kinds:
             table, others = matches_of(getattr(robot, kind), rest)
-            if kind not in ("uses", "moved"):  # which may have a pose in them too
+            if kind not in OF_MOVES:
                 rest = others
             if len(table):
                 titles = [*table.columns]

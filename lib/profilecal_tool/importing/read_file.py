@@ -1,21 +1,32 @@
-"""A file of any kind as blocks."""
+"""A file of any kind as blocks; tables of delimited text, which are lines of as many
+fields that follow each other, and of sheets.
+"""
 
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import replace
+from io import BytesIO
+from itertools import islice
 from pathlib import Path
 
-from profilecal.scan.tables import ScanError, naming, text_of
-from profilecal_tool.importing.array_files import binary_blocks, sheet_blocks
-from profilecal_tool.importing.blocks import Block
-from profilecal_tool.importing.makers import ENCODINGS, FOREIGN
-from profilecal_tool.importing.nested_lists import nested_blocks
-from profilecal_tool.importing.program_lines import program_blocks
-from profilecal_tool.importing.text_tables import BEGIN, text_blocks
+import numpy as np
+from pandas import read_csv, read_excel
+
+from profilecal.geometry.progress import watched
+from profilecal.scan.tables import NOTHING, ScanError, cell_number, naming, text_of
+from profilecal_tool.importing.blocks import Block, column_titled, counted
+from profilecal_tool.importing.lists_and_arrays import binary_blocks, nested_blocks
+from profilecal_tool.importing.makers import ENCODINGS, FOREIGN, UNITS
+from profilecal_tool.importing.program_lines import OF_MOVES, program_blocks
 
 SHEETS = {".xlsx", ".xlsm"}
 BINARY = {".npy", ".npz", ".mat", ".ply"}
 NESTED = {".json", ".yaml", ".yml"}
 LARGEST_PROGRAM = 2_000_000  # characters
+MARKS = b"#% \r\n"  # around titles
+BEGIN = 100_000  # characters that tell what a table is like
+HEAD = 50  # lines within which numbers begin
+EDGES = " \"'"  # of cells
 
 
 def tables_in_file(path: Path, encoding: str) -> Iterable[Block]:
@@ -29,7 +40,7 @@ def tables_in_file(path: Path, encoding: str) -> Iterable[Block]:
     if suffix in NESTED:
         return nested_blocks(path, text)
     programs = [*program_blocks(path, text)] if len(text) < LARGEST_PROGRAM else []
-    if any(block.kind != "uses" for block in programs):
+    if any(block.kind not in OF_MOVES for block in programs):
         return programs
     with naming(path):
         return [*text_blocks(path, text.encode()), *programs]
@@ -68,3 +79,134 @@ def is_known(path: Path) -> bool:
         begin = file.read(4096)
     is_text = begin[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" not in begin  # UTF-16
     return is_text or path.suffix.lower() in BINARY | SHEETS
+
+
+def dialect(text: str) -> tuple[str | None, str]:
+    """What stands between columns (None: spaces), and the decimal mark."""
+    rows = [line for line in text.splitlines() if re.search(r"\d", line)]
+    most = len(rows) / 2
+    mark = next((m for m in ";\t|," if sum(m in row for row in rows) > most), None)
+    if mark == "," and re.search(r"\d,\d+[ ]+[-+]?\d+,\d", text):
+        mark = None
+    has_commas = mark != "," and re.search(r"\d,\d", text)
+    return mark, "," if has_commas else "."
+
+
+def runs_of_lines(
+    path: Path, content: bytes, between: bytes | None
+) -> Iterator[tuple[int, int, int]]:
+    """The first line, the end, and the place in bytes of each run of lines that have
+    equally many fields. Blank lines end a run, and so do remarks below numbers.
+    """
+    at_top, count = True, content.count(b"\n")
+    begin = end = start = place = fields = 0
+    for line in watched(BytesIO(content), f"reading {path.name}", count):
+        cells = line.strip(MARKS)
+        if line[0] not in b"#%":
+            at_top = at_top and not re.search(rb"\d", cells)
+        elif not at_top:
+            cells = b""
+        own = len(cells.split(between)) if cells else 0
+        if own != fields:
+            if fields:
+                yield begin, end, start
+            begin, start, fields = end, place, own
+        end += 1
+        place += len(line)
+    if fields:
+        yield begin, end, start
+
+
+def row_where_numbers_begin(rows: list[list[str]], decimal: str) -> int | None:
+    """The row behind the last of words, None where all are: numbers are several, or
+    more than words, or as many as nothing; no word of theirs stands above a number.
+    """
+    values = [[cell_number(c.replace(decimal, ".")) for c in row] for row in rows]
+    begin = None
+    for k, own in enumerate(values):
+        words, numbers = np.isinf(own), np.isfinite(own)
+        is_title = k + 1 < len(values) and (words & np.isfinite(values[k + 1])).any()
+        if not is_title and numbers.sum() > min(words.sum(), 1):
+            return k if begin is None else begin
+        if words.any() or not any(rows[k]):
+            begin = None
+        elif begin is None:
+            begin = k
+    return begin
+
+
+def titles_in(rows: list[list[str]]) -> list[str]:
+    """The last row of words, or the one above it with the units that it says."""
+    if not rows:
+        return []
+    units = [cell.strip("[]()").lower() for cell in rows[-1]]
+    if len(rows) < 2 or sum(unit in UNITS for unit in units) < 2:
+        return rows[-1]
+    cells = zip(rows[-2], units, strict=True)
+    return [f"{title} [{unit}]" if unit in UNITS else title for title, unit in cells]
+
+
+def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
+    """The tables of a text: runs of lines of as many fields, from where numbers begin.
+    What goes on without titles below a remark or blank lines has those above. Labels
+    are text: 1.10 is not 1.1.
+
+    Raises ScanError for a row of another length in a table with titles.
+    """
+    mark, decimal = dialect(content[:BEGIN].decode(errors="ignore"))
+    between = mark and mark.encode()
+    stream = BytesIO(content)
+    known, after = [], 0  # titles above, and where their table ends
+    for begin, end, place in runs_of_lines(path, content, between):
+        stream.seek(place)
+        lines = islice(stream, min(end - begin, HEAD))
+        rows = [line.strip(MARKS).split(between) for line in lines]
+        rows = [[c.decode(errors="ignore").strip(EDGES) for c in row] for row in rows]
+        first = row_where_numbers_begin(rows, decimal)
+        if first is None:
+            continue
+        count, titles = len(rows[0]), titles_in(rows[:first])
+        if not titles and count == len(known):
+            titles = known
+        elif known and not titles and begin <= after + 1:
+            found = f"{count} fields; expected {len(known)}, as above"
+            raise ScanError(f"{path} line {begin + 1}: {found}")
+        if titles:
+            known, after = titles, end
+        stream.seek(place)
+        titles = titles or counted(count)
+        columns = map(column_titled, range(count), titles)
+        labels = [column.at for column in columns if column.role == "label"]
+        table = read_csv(
+            stream,
+            sep=mark or r"\s+",
+            decimal=decimal,
+            names=range(count),
+            dtype=dict.fromkeys(labels, str),
+            skiprows=first,
+            nrows=end - begin - first,
+            header=None,
+            index_col=False,
+            skipinitialspace=True,
+            na_values=[*NOTHING, "Invalid", "INVALID", ".Nan", "-"],
+        )
+        table.index += begin + first + 1
+        yield Block(path, table, titles)
+
+
+def sheet_blocks(path: Path) -> Iterator[Block]:
+    """The tables of a workbook; in several sheets, blank rows part none.
+
+    Raises ScanError.
+    """
+    try:
+        sheets = read_excel(path, sheet_name=None, header=None)
+    except Exception as error:  # of the archive, of its XML, of pandas
+        raise ScanError(f"{path}: no workbook: is it damaged?") from error
+    is_one = len(sheets) == 1
+    for name, cells in sheets.items():
+        text = cells.to_csv(sep=";", header=False, index=False)
+        if is_one:
+            text, name = re.sub("(?m)^;+$", "", text), ""
+        for block in text_blocks(path, text.encode()):
+            yield replace(block, sheet=name)

@@ -23,8 +23,7 @@ from profilecal_tool.importing.blocks import (
 )
 from profilecal_tool.importing.makers import LENGTH_UNITS, UNIT_OF_CODE, scale_of
 from profilecal_tool.importing.questions import Layout, Question, one_or_ask
-from profilecal_tool.importing.read_file import decoded_text, names_of
-from profilecal_tool.importing.text_tables import BEGIN
+from profilecal_tool.importing.read_file import BEGIN, decoded_text, names_of
 
 LIKELY_MM = 150.0  # the farthest that a scanner sees, for a guess at a unit
 NARROW_MM = 10.0  # few scanners see so little: it may be cm or inches
