@@ -8,12 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.random import default_rng
-from openpyxl import Workbook
+from pandas import DataFrame
 from scipy.io import savemat
-from scipy.spatial.transform import Rotation
 
-from profilecal.geometry.poses import homogeneous
-from profilecal.scan.conventions import from_rotations, named
+from profilecal.scan.conventions import from_rotations, named, pose_matrices
 from profilecal.simulation.spec import WIDE, Spec, simulate_scan
 
 UNSEEN = 17  # of so many points one was not seen
@@ -42,16 +40,12 @@ def poses(convention, scale=1.0, matrices=None):
 
 
 def matrices_of_poses():
-    return homogeneous(scan().R_base_flange, scan().p_base_flange)
+    return scan().T_base_flange
 
 
-def frame(*numbers):
-    """A tool or a base (4, 4) from x, y, z, mm, and w, p, r, degrees."""
-    R = Rotation.from_euler("xyz", numbers[3:], degrees=True).as_matrix()
-    return homogeneous(R, np.array(numbers[:3]))
-
-
-TOOL, BASE = frame(12, -35, 180, 10, -20, 30), frame(100, 50, 0, 0, 0, 15)
+TOOL, BASE = pose_matrices(
+    [[12, -35, 180], [100, 50, 0]], [[10, -20, 30], [0, 0, 15]], "FANUC angles"
+)
 
 
 def poses_of_tool(convention, scale=1.0):
@@ -68,18 +62,12 @@ def text(numbers, separator=","):
     return separator.join(f"{value:.12f}" for value in numbers)
 
 
-def named_numbers(names, numbers, between):
-    """Such as X 1.0,Y 2.0."""
-    pairs = zip(names, numbers, strict=True)
-    return between.join(f"{name} {value:.12f}" for name, value in pairs)
-
-
 def write_lines(path, lines):
     path.write_text("\n".join([*lines, ""]))
 
 
-def write_table(path, titles, rows):
-    np.savetxt(path, rows, "%.12g", ",", header=titles, comments="")
+def write_table(path, titles, rows, between=","):
+    np.savetxt(path, rows, "%.15g", between, header=titles, comments="")
 
 
 # The poses
@@ -87,30 +75,30 @@ def write_table(path, titles, rows):
 
 def kuka(folder):
     lines = ["DEFDAT SCAN PUBLIC", ";FOLD X 1, Y 2"]
+    pose = "X {:.12f},Y {:.12f},Z {:.12f},A {:.12f},B {:.12f},C {:.12f}"
     for k, row in enumerate(poses("KUKA angles"), 1):
-        pose = named_numbers("XYZABC", row, ",")
-        lines.append(f"DECL E6POS XP{k}={{{pose},S 2,T 35}}")
+        lines.append(f"DECL E6POS XP{k}={{{pose.format(*row)},S 2,T 35}}")
         lines.append(f"DECL FDAT FP{k}={{TOOL_NO 0,BASE_NO 0}}")
     write_lines(folder / "scan.dat", [*lines, "ENDDAT"])
 
 
 def abb(folder, used=True, backwards=False):
     """Targets of a tool in a base; or, where no move uses them, of the tool alone."""
-    x, q = np.split(numbers_of(TOOL, "quaternion"), [3])
-    at = f"[[{text(x)}],[{text(q)}]]"
-    tool = f"[TRUE,{at},[1,[0,0,1],[1,0,0,0],0,0,0]]"
-    x, q = np.split(numbers_of(BASE, "quaternion"), [3])
-    base = f'[FALSE,TRUE,"",[[{text(x)}],[{text(q)}]],[[0,0,0],[1,0,0,0]]]'
+
+    def pose(row):
+        return f"[{text(row[:3])}],[{text(row[3:])}]"
+
+    tool = pose(numbers_of(TOOL, "quaternion"))
+    base = pose(numbers_of(BASE, "quaternion"))
     targets, moves = [], []
     of_tool = poses("quaternion", matrices=matrices_of_poses() @ TOOL)
     for k, row in enumerate(poses_of_tool("quaternion") if used else of_tool, 1):
-        pose = f"[{text(row[:3])}],[{text(row[3:])}]"
         axes = "[-1,0,-1,0],[9E9,9E9,9E9,9E9,9E9,9E9]"
-        targets.append(f"  CONST robtarget p{10 * k}:=[{pose},{axes}];")
+        targets.append(f"  CONST robtarget p{10 * k}:=[{pose(row)},{axes}];")
         moves.append(f"  MoveL p{10 * k},v100,fine,tScan\\WObj:=wBall; ! p{10 * k}")
-    lines = ["MODULE Scan", f"  PERS tooldata tScan:={tool};"]
-    lines += [f"  TASK PERS wobjdata wBall:={base};", *targets[:: 1 - 2 * backwards]]
-    lines += [f"  !{targets[0]}", *moves * used, "ENDMODULE", ""]
+    lines = ["MODULE Scan", f"  PERS tooldata tScan:=[TRUE,[{tool}],[1,[0,0,1]]];"]
+    lines.append(f'  PERS wobjdata wBall:=[FALSE,TRUE,"",[{base}],[[0,0,0]]];')
+    lines += [*targets[:: 1 - 2 * backwards], f"  !{targets[0]}", *moves * used]
     write_lines(folder / "scan.mod", lines)
 
 
@@ -129,106 +117,37 @@ def ur(folder):
     write_lines(folder / "scan.script", [*lines, "end"])
 
 
-def yaskawa(folder):
-    lines = ["/JOB", "//NAME SCAN", "//POS", "///NPOS 12,0,0,0,0,0", "///TOOL 0"]
-    lines += ["///POSTYPE BASE", "///RECTAN", "///RCONF 0,1,1,0,0,0,0,0"]
-    for k, row in enumerate(poses("FANUC angles")):
-        lines.append(f"C{k:05d}={text(row)}")
-    lines += ["//INST", "NOP", "MOVL C00000 V=50.0", "END", ""]
-    write_lines(folder / "SCAN.JBI", lines)
-
-
-def kawasaki(folder):
-    lines = [".PROGRAM scan()", "  TOOL tip", "  LMOVE p1", ".END", ".TRANS"]
-    lines.append(f"tip {text(numbers_of(TOOL, 'Kawasaki angles'), ' ')}")
-    lines.append("home 400 0 600 0 180 0")
-    rows = poses("Kawasaki angles", matrices=matrices_of_poses() @ TOOL)
-    lines += [f"p[{k}] {text(row, ' ')}" for k, row in enumerate(rows)]
-    lines += [".END", ".JOINTS", "#home 0 10 20 30 40 50", ".END", ""]
-    write_lines(folder / "scan.as", lines)
-
-
-def staubli(folder):
-    names = ("x", "y", "z", "rx", "ry", "rz")
-
-    def value(key, row, father):
-        pairs = zip(names, row, strict=True)
-        numbers = " ".join(f'{name}="{number:.12f}"' for name, number in pairs)
-        return f'<Value key="{key}" {numbers} fatherId="{father}" />'
-
-    of_base = np.linalg.inv(BASE) @ matrices_of_poses()
-    rows = poses("Stäubli angles", matrices=of_base)
-    lines = ['<?xml version="1.0"?>', '<Database xmlns="robotics/VAL3/Data/2"><Datas>']
-    lines.append('<Data name="fPart" type="frame" size="1">')
-    lines.append(value(0, numbers_of(BASE, "Stäubli angles"), "world[0]"))
-    lines.append('</Data><Data name="pScan" type="pointRx" size="12">')
-    lines += [value(k, row, "fPart[0]") for k, row in enumerate(rows)]
-    lines += ["<!--", lines[-1], "-->", "</Data></Datas></Database>", ""]
-    write_lines(folder / "scan.dtx", lines)
-
-
-def xml_log(folder):
-    """Words, and each pose twice: as attributes, and as a matrix."""
-    lines = ["Control Version: 1.17.3", "Server listening on port 59153..."]
-    rows = poses("KUKA angles")
-    for matrix, row in zip(matrices_of_poses(), rows, strict=True):
-        pairs = zip("XYZABC", row, strict=True)
-        numbers = " ".join(f'{name}="{number:.12f}"' for name, number in pairs)
-        lines += [f"<Send><Position {numbers}></Position></Send>", ">>> TCP:"]
-        lines += [*map(text, matrix, 4 * " "), "Dropped 0 frames in buffer"]
-    write_lines(folder / "pose_log.txt", lines)
-
-
 def samples():
-    """Position and orientation of each pose, as ROS has them, m."""
-    for x, y, z, qw, qx, qy, qz in poses("quaternion", 0.001).tolist():
-        position = {"x": x, "y": y, "z": z}
-        yield position, {"x": qx, "y": qy, "z": qz, "w": qw}
-
-
-def stamped(folder):
-    """Documents of ROS, as it prints them."""
-    lines = []
-    for k, parts in enumerate(samples()):
-        lines += ["header:", f"  seq: {k}", "pose:"]
-        for name, numbers in zip(("position", "orientation"), parts, strict=True):
-            lines.append(f"  {name}:")
-            lines += [f"    {axis}: {number}" for axis, number in numbers.items()]
-        lines.append("---")
-    write_lines(folder / "poses.yaml", lines)
+    """Position and orientation of each pose, as ROS has them."""
+    for row in xyzw():
+        turn = dict(zip("xyzw", row[3:], strict=True))
+        yield dict(zip("xyz", row[:3], strict=True)), turn
 
 
 def opencv(folder):
     """R and t in nodes of their own, 10 before 2."""
+    node = "{}_{}: !!opencv-matrix\n   rows: 3\n   cols: {}\n   dt: d\n   data: [ {} ]"
     lines = ["%YAML:1.0", "---"]
-    order = sorted(range(12), key=str)
-    for k, matrix in zip(order, matrices_of_poses()[order], strict=True):
-        for name, part in (("R", matrix[:3, :3]), ("t", matrix[:3, 3:])):
-            rows, cols = part.shape
-            lines += [f"{name}_{k}: !!opencv-matrix", f"   rows: {rows}"]
-            lines += [
-                f"   cols: {cols}",
-                "   dt: d",
-                f"   data: [ {text(part.ravel())} ]",
-            ]
+    for k in sorted(range(12), key=str):
+        R, t = np.split(matrices_of_poses()[k, :3], [3], axis=1)
+        lines.append(node.format("R", k, 3, text(R.ravel())))
+        lines.append(node.format("t", k, 1, text(t.ravel())))
     write_lines(folder / "poses.yml", lines)
 
 
 def by_columns(folder):
-    rows = [text(matrix.T.ravel()) for matrix in matrices_of_poses()]
-    write_lines(folder / "poses.txt", rows)
+    rows = matrices_of_poses().swapaxes(1, 2).reshape(-1, 16)
+    np.savetxt(folder / "poses.txt", rows, delimiter=",")
 
 
-def fanuc(folder, tool=0, more=""):
+def fanuc(folder):
     lines = ["/PROG  SCAN", "/MN", "   1:L P[1] 500mm/sec FINE ;", "/POS"]
+    pose = "\tX = {:.12f} mm,\tY = {:.12f} mm,\tZ = {:.12f} mm,\n"
+    pose += "\tW = {:.12f} deg,\tP = {:.12f} deg,\tR = {:.12f} deg\n}};"
     for k, row in enumerate(poses("FANUC angles"), 1):
-        numbers = [f"{value:.12f}" for value in row]
-        x, y, z = (f"{n} = {v} mm" for n, v in zip("XYZ", numbers[:3], strict=True))
-        w, p, r = (f"{n} = {v} deg" for n, v in zip("WPR", numbers[3:], strict=True))
-        pose = ",\t".join([x, y, z, w, p, r])
         lines.append(f"P[{k}]{{\n   GP1:")
-        lines.append(f"\tUF : 0, UT : {tool},\t\tCONFIG : 'N U T, 0, 0, -1',")
-        lines.append(f"\t{pose}{more}\n}};")
+        lines.append("\tUF : 0, UT : 0,\t\tCONFIG : 'N U T, 0, 0, -1',")
+        lines.append(pose.format(*row))
     write_lines(folder / "CALIB.LS", [*lines, "/END"])
 
 
@@ -269,26 +188,31 @@ csv = listed(
 )
 
 
+def xyzw():
+    """The numbers of each pose in m, as most libraries have quaternions."""
+    return poses("quaternion", 0.001)[:, [0, 1, 2, 4, 5, 6, 3]].tolist()
+
+
 def tum(folder):
-    lines = ["# timestamp tx ty tz qx qy qz qw"]
-    for k, row in enumerate(poses("quaternion", 0.001)):
-        x, y, z, qw, qx, qy, qz = row
-        lines.append(f"{1.7e9 + k} {text([x, y, z, qx, qy, qz, qw], ' ')}")
-    write_lines(folder / "poses.tum", lines)
+    table = [[1.7e9 + k, *row] for k, row in enumerate(xyzw())]
+    write_table(folder / "poses.tum", "# timestamp tx ty tz qx qy qz qw", table, " ")
 
 
-def matrices(folder):
-    for k, matrix in enumerate(matrices_of_poses()):
-        np.savetxt(folder / f"pose{k}.txt", matrix)
+def matrices(name):
+    """In a file each."""
+
+    def write(folder):
+        for k, matrix in enumerate(matrices_of_poses()):
+            path = folder / name.format(k)
+            path.parent.mkdir(exist_ok=True)
+            np.savetxt(path, matrix)
+
+    return write
 
 
 def stacked_matrices(folder):
     """Below one another."""
     np.savetxt(folder / "poses.txt", np.concatenate(matrices_of_poses()))
-
-
-def array(folder):
-    np.save(folder / "poses.npy", matrices_of_poses())
 
 
 def named_arrays(folder):
@@ -305,37 +229,36 @@ def matlab(folder):
 
 def robot_states(folder):
     """As Universal Robots' controllers log them, with the tool that poses are of."""
-    titles = [
-        f"{name}_{k}" for name in ("actual_TCP_pose", "tcp_offset") for k in range(6)
-    ]
+    names = ("actual_TCP_pose", "tcp_offset")
+    titles = ["timestamp", *(f"{name}_{k}" for name in names for k in range(6))]
     rows = poses("rotation vector", 0.001, matrices_of_poses() @ TOOL)
-    tool = text(numbers_of(TOOL, "rotation vector", 0.001), " ")
-    lines = [" ".join(["timestamp", *titles])]
-    lines += [f"{k}.5 {text(row, ' ')} {tool}" for k, row in enumerate(rows)]
-    write_lines(folder / "robot.csv", lines)
+    tool = numbers_of(TOOL, "rotation vector", 0.001)
+    table = [[k + 0.5, *row, *tool] for k, row in enumerate(rows)]
+    write_table(folder / "robot.csv", " ".join(titles), table, " ")
 
 
 def workbook(folder):
-    book = Workbook()
-    rows = poses("KUKA angles").tolist()
-    book.active.append(["Cell 4"])
-    book.active.append(["Nr", "X [mm]", "Y [mm]", "Z [mm]", "A", "B", "C"])
-    for k, row in enumerate(rows):
-        book.active.append([k, *row])
-    book.save(folder / "poses.xlsx")
+    rows = DataFrame(
+        poses("KUKA angles"), columns=["X [mm]", "Y [mm]", "Z [mm]", *"ABC"]
+    )
+    rows.to_excel(folder / "poses.xlsx", startrow=1, index_label="Nr")
 
 
-def of_flange_and_tool(folder):
-    """Of the flange, and of the tool before it."""
-    pairs = zip(poses_of_tool("KUKA angles"), poses("KUKA angles"), strict=True)
-    rows = [
-        {
-            name: dict(zip("xyzabc", row.tolist(), strict=True))
-            for name, row in zip(("tcp", "flange"), pair, strict=True)
-        }
-        for pair in pairs
-    ]
-    (folder / "poses.json").write_text(json.dumps(rows))
+def beside(**poses_of):
+    """The poses that functions give, beside each other under names."""
+
+    def write(folder):
+        columns = [own("KUKA angles").tolist() for own in poses_of.values()]
+        rows = [
+            {
+                n: dict(zip("xyzabc", row, strict=True))
+                for n, row in zip(poses_of, rows, strict=True)
+            }
+            for rows in zip(*columns, strict=True)
+        ]
+        (folder / "poses.json").write_text(json.dumps(rows))
+
+    return write
 
 
 def with_speeds(folder):
@@ -358,22 +281,33 @@ def of_images(folder):
 # The profiles
 
 
-def one_each(folder):
-    for k, points in enumerate(scan().values):
-        path = folder / f"scan_{k:03d}.csv"
-        write_table(path, "x,z", points)
+def each(
+    name="scan_{:03d}.csv",
+    titles="x,z",
+    columns=("",),
+    scale=1.0,
+    nothing="nan,nan",
+    encoding="utf-8",
+    begin=0,
+):
+    """A table for each profile, with further columns for every point, or none."""
+
+    def write(folder):
+        for k, points in enumerate(scan().values, begin):
+            rows = [f"{own},{text(scale * p)}" for own in columns for p in points]
+            lines = "\r\n".join([titles, *(row.strip(",") for row in rows)])
+            content = lines.lstrip().replace("nan,nan", nothing)
+            (folder / name.format(k)).write_bytes(content.encode(encoding))
+
+    return write
+
+
+one_each = each()
 
 
 def with_y(points):
     """Points x, 0, z."""
     return np.insert(points, 1, 0.0, axis=1)
-
-
-def with_gaps(folder):
-    """Blank lines where nothing was seen."""
-    for k, points in enumerate(scan().values):
-        rows = ["" if np.isnan(point[1]) else text(point) for point in points]
-        write_lines(folder / f"s{k}.csv", ["x,z", *rows])
 
 
 def unseen_at_first(folder):
@@ -383,19 +317,11 @@ def unseen_at_first(folder):
         write_table(folder / f"s{k}.csv", "x,z", rows)
 
 
-def codes_in_um(folder):
-    for k, points in enumerate(scan().values):
-        rows = np.where(np.isnan(points), -999.999, points) * 1000
-        write_table(folder / f"s{k}.csv", "x [um],z [um]", rows)
-
-
 def lists(folder):
     for k, points in enumerate(scan().values, 1):
-        numbers = with_y(points).ravel()
-        cells = [".Nan" if np.isnan(value) else f"{value:.15g}" for value in numbers]
-        profile = f"profile: [ {', '.join(cells)} ]"
-        lines = ["%YAML:1.0", "---", profile, "picked: [ 1., 0., 2. ]", ""]
-        write_lines(folder / f"p{k}.yml", lines)
+        numbers = text(with_y(points).ravel(), ", ").replace("nan", ".Nan")
+        lines = ["%YAML:1.0", "---", f"profile: [ {numbers} ]"]
+        write_lines(folder / f"p{k}.yml", [*lines, "picked: [ 1., 0., 2. ]"])
 
 
 def archives(folder):
@@ -416,9 +342,9 @@ def surfaces(folder):
 def numbered_columns(folder):
     count = len(scan().values[0])
     titles = [f"{axis}{k}" for axis in "xz" for k in range(count)]
-    rows = [text(points.T.ravel()) for points in scan().values]
-    rows = [row.replace("nan", "Invalid") for row in rows]
-    write_lines(folder / "all.csv", [",".join(titles), *rows])
+    rows = [points.T.ravel() for points in scan().values]
+    table = DataFrame(rows, columns=titles)
+    table.to_csv(folder / "all.csv", na_rep="Invalid", index=False)
 
 
 def long_table(folder, name="scan_{:03d}"):
@@ -442,41 +368,56 @@ def ragged(folder):
 
 
 def stacked(folder):
-    np.save(folder / "all.npy", np.stack(scan().values).swapaxes(1, 2))
+    profiles = np.stack([*map(with_y, scan().values)])
+    np.save(folder / "all.npy", profiles.swapaxes(1, 2))
 
 
 def point_clouds(folder):
-    head = ["ply", "format ascii 1.0", f"element vertex {len(scan().values[0])}"]
-    head += [f"property float {axis}" for axis in "xyz"] + ["end_header"]
+    head = "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\n"
+    head += "property float y\nproperty float z\nend_header"
     for k, points in enumerate(scan().values):
-        rows = [text(point, " ") for point in with_y(points)]
-        write_lines(folder / f"cloud{k}.ply", [*head, *rows])
+        titles = head.format(len(points))
+        write_table(folder / f"cloud{k}.ply", titles, with_y(points), " ")
 
 
-POSES = (
-    *(kuka, abb, ur, fanuc, yaskawa, kawasaki, staubli),
-    *(xml_log, stamped, opencv, of_images, csv, tum, matrices, array),
-    *(
-        with_speeds,
-        stacked_matrices,
-        of_flange_and_tool,
-        by_columns,
-        named_arrays,
-        matlab,
-        workbook,
-    ),
-)
-IN_A_BASE = (abb, staubli)
-PROFILES = (
-    *(one_each, with_gaps, unseen_at_first, codes_in_um, lists, archives, surfaces),
-    *(numbered_columns, long_table, below, ragged, stacked, point_clouds),
-)
+POSES = {
+    "KUKA": kuka,
+    "ABB": abb,
+    "UR": ur,
+    "FANUC": fanuc,
+    "OpenCV": opencv,
+    "beside images": of_images,
+    "with speeds": with_speeds,
+    "4 x 4": matrices("pose{}.txt"),
+    "text": csv,
+    "TUM": tum,
+    "4 x 4 below one another": stacked_matrices,
+    "of flange and tool": beside(tcp=poses_of_tool, flange=poses),
+    "matrices by columns": by_columns,
+    "named arrays": named_arrays,
+    "MATLAB": matlab,
+    "sheet": workbook,
+}
+PROFILES = {
+    "one each": one_each,
+    "with gaps": each(nothing=""),
+    "unseen at first": unseen_at_first,
+    "codes in um": each("{}.csv", "x [um],z [um]", scale=1000, nothing="0,-999999"),
+    "lists": lists,
+    "archives": archives,
+    "surfaces": surfaces,
+    "numbered columns": numbered_columns,
+    "a long table": long_table,
+    "below one another": below,
+    "ragged": ragged,
+    "stacked": stacked,
+    "point clouds": point_clouds,
+}
 
 
-def written(folder, of_poses=csv, of_profiles=None):
-    """The folder, filled."""
+def written(folder, *writers):
+    """The folder, filled; with a profile for each pose if only poses are written."""
     folder.mkdir()
-    of_poses(folder)
-    counts_from_1 = of_poses in (fanuc,)
-    (of_profiles or (lists if counts_from_1 else one_each))(folder)
+    for write in writers if len(writers) > 1 else (*writers, one_each):
+        write(folder)
     return folder

@@ -43,7 +43,7 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     heights = block.numbers(z, blank=True)
     places = np.broadcast_to(places_of(block, x, z, layout), heights.shape)
     beside = block.table.drop(columns=[column.at for column in (*x, *z)])
-    titles = [*(block.titles[at] for at in beside), "nth", "x", "z"]
+    titles = [*(block.titles[at] for at in beside), "nth", "profile x", "profile z"]
     table = beside.loc[beside.index.repeat(len(z))].assign(
         nth=np.arange(len(heights)).repeat(len(z)),
         x=places.ravel(),
