@@ -60,11 +60,12 @@ def poses_in(blocks: Iterable[Block], said: str) -> list[Block]:
 def robot_poses(files: Files, layout: Layout) -> Block:
     """The robot's poses in files. Raises ScanError; Question where it is uncertain."""
     parts = []
-    for path, blocks in files.items():
+    for (path, blocks), name in zip(files.items(), names_of(files), strict=True):
         found = poses_in(blocks, layout.pose_columns)
         if not found:
             raise question_on_file(path, blocks, layout.pose_columns)
-        parts += parts_called(found, layout.entry, "flange", "is the robot's pose")
+        own = parts_called(found, layout.entry, "flange", "is the robot's pose")
+        parts += [with_file(part, name) for part in own] if len(files) > 1 else own
     first = parts[0]
     is_asked_for = layout.entry and layout.entry.lower() in first.called.lower()
     if is_of_other(first.called) and not is_asked_for:
@@ -84,15 +85,17 @@ def robot_poses(files: Files, layout: Layout) -> Block:
             found = listed(part.titles)
             raise ScanError(f"{part.path}: columns {found}, where others differ")
     table = concat([part.table for part in parts])
-    if len(files) == 1:
-        return replace(first, table=table)
-    name_of = dict(zip(files, names_of(files), strict=True))
-    owners = [part.path for part in parts for _ in part.table.index]
-    table[len(first.titles)] = [name_of[path] for path in owners]
-    lines = zip(owners, table.index, strict=True)
-    table.index = [f"{path.name} line {line}" for path, line in lines]
-    beside, titles = Path(commonpath(files)), [*first.titles, "file"]
-    return replace(first, path=beside, table=table, titles=titles, counted="file")
+    return replace(first, path=Path(commonpath(files)), table=table)
+
+
+def with_file(poses: Block, name: str) -> Block:
+    """Poses of one file of several, which has this name: a further column says so, and
+    a row stands in a line of it.
+    """
+    table, titles = poses.table.copy(), [*poses.titles, "file"]
+    table[len(poses.titles)] = name
+    table.index = [f"{poses.path.name} line {line}" for line in table.index]
+    return replace(poses, table=table, titles=titles, counted="file")
 
 
 def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
@@ -114,6 +117,8 @@ def question_on_columns(
     """
     sentence = f"{block.path}: columns {listed(block.titles)}; {sentence} ({KINDS})"
     numeric = block.table.select_dtypes("number")
+    if block.counted == "file":
+        columns = columns[:-1]  # the last is ours
     posed = [c for c in columns if c.at in numeric and c.role in {"", *OF_POSES}]
     for kept in (OF_POSES, XYZ):
         known = {c.role: c.at for c in reversed(posed) if c.role in kept}

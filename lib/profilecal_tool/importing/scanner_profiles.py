@@ -182,9 +182,9 @@ def profile_of_each_row(block: Block, stops: int) -> tuple[ndarray, list[str]]:
         if (np.diff(profile) >= 0).all() and not counts_points:
             return profile, [] if column.role == "nth" else [*map(label_of, labels)]
     if block.poses:
-        posed = [c.at for c in block.columns if c not in block.others]
-        pose = block.table.groupby(posed, dropna=False).ngroup().to_numpy()
-        return np.cumsum(np.diff(pose, prepend=pose[0]) != 0), []
+        posed = block.table[[c.at for c in block.columns if c not in block.others]]
+        begins = (posed != posed.shift()).any(axis=1)
+        return begins.cumsum().to_numpy() - 1, []
     x = Series(block.numbers_of("x", blank=True)[:, 0]).ffill().bfill()
     begins = x.diff() * (x.iloc[-1] - x.iloc[0]) < 0
     is_stack = begins.sum() + 1 == stops

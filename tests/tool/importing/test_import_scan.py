@@ -161,6 +161,13 @@ def angles_first(folder):
     write_table(folder / "poses.csv", "rx,ry,rz,x,y,z", rows)
 
 
+def a_file_each(folder):
+    """In radians."""
+    for k, row in enumerate(poses("FANUC angles")):
+        row[3:] = np.radians(row[3:])
+        write_table(folder / f"pose{k}.csv", "x,y,z,w,p,r", [row])
+
+
 def two_arrays(folder):
     left = np.array(scan().values)
     np.savez(folder / "profiles.npz", left=left, right=left + 1)
@@ -200,6 +207,7 @@ FOLDERS |= {
     "one title twice": (listed("X,X,Z,A,B,C"), "X, X, Z"),
     "no titles": (of_angles("", scale=0.001, angle=np.pi / 180), "what are they"),
     "radians": (of_angles("x,y,z,w,p,r", angle=np.pi / 180), "rad or deg"),
+    "radians in files": (a_file_each, "rad or deg"),
     "a vector in degrees": (of_angles("x,y,z,rx [deg],ry [deg],rz [deg]"), "convert"),
     "quaternions": (of_quaternions("x,y,z,q1,q2,q3,q4"), "what are they"),
     "two positions": (two_positions, "which of those called alike"),
