@@ -30,11 +30,16 @@ from pandas import DataFrame, ExcelWriter
 from peoples_files import (
     POSES,
     PROFILES,
+    abb,
+    csv,
     each,
+    fanuc,
+    kuka,
     listed,
     one_each,
     poses,
     scan,
+    tum,
     write_lines,
     write_table,
     written,
@@ -82,10 +87,10 @@ def transforms(folder):
 of_camera = listed("cam_x,cam_y,cam_z,cam_a,cam_b,cam_c")
 
 
-declared = functools.partial(people.abb, used=False)
+declared = functools.partial(abb, used=False)
 
 
-declared = functools.partial(people.abb, used=False)
+declared = functools.partial(abb, used=False)
 
 
 def log_with_stops(folder):
@@ -191,13 +196,13 @@ FAR_POINT = edited("scan_003.csv", "nan,nan", "1e6,1e6")
 
 # what is in a folder, and what is said of it as it is read or asked about
 FOLDERS = {name: (write, "/ written") for name, write in POSES.items()}
-FOLDERS |= {name: (people.tum, write, "/ written") for name, write in PROFILES.items()}
+FOLDERS |= {name: (tum, write, "/ written") for name, write in PROFILES.items()}
 FOLDERS |= {
-    "a code": (people.tum, each(nothing="-1,-1"), "z is -1 at 12 of 240 points"),
-    "zeros": (people.tum, each(nothing="0,0"), "0: 12 of 240 points"),
-    "a far point": (people.tum, one_each, FAR_POINT, "1000000 at 1 of 229"),
-    "inches": (people.tum, each(scale=1 / 25.4), "mm wide, up to"),
-    "whole numbers": (people.tum, each(scale=1e5), "(--missing)"),
+    "a code": (tum, each(nothing="-1,-1"), "z is -1 at 12 of 240 points"),
+    "zeros": (tum, each(nothing="0,0"), "0: 12 of 240 points"),
+    "a far point": (tum, one_each, FAR_POINT, "1000000 at 1 of 229"),
+    "inches": (tum, each(scale=1 / 25.4), "mm wide, up to"),
+    "whole numbers": (tum, each(scale=1e5), "(--missing)"),
     "lists of four": (lists_of_four, "what are they"),
     "German angles": (
         of_angles("X-Pos;Y-Pos;Z-Pos;Winkel X;Winkel Y;Winkel Z"),
@@ -216,37 +221,37 @@ FOLDERS |= {
     "two poses": (people.beside(one=poses, two=people.poses_of_tool), "one or two"),
     "of a camera": (of_camera, "poses are of cam"),
     "angles first": (angles_first, "rad or deg"),
-    "two arrays": (people.tum, two_arrays, "left_points_1,left_points_2 or right"),
+    "two arrays": (tum, two_arrays, "left_points_1,left_points_2 or right"),
     "two frames in turn": (transforms, "tools tool0, camera_link"),
-    "no columns": (people.tum, each(titles="", columns=("7",)), "no x and z"),
+    "no columns": (tum, each(titles="", columns=("7",)), "no x and z"),
     "frames": (
-        people.tum,
+        tum,
         each(titles="frame,x,z", columns=("0", "1")),
         "(all: --where 'frame=*')",
     ),
     "two scanners": (
-        people.tum,
+        tum,
         each(titles="sensor,x,z", columns=("0", "1")),
         "sensor is 0 to 1",
     ),
     "along y": (
-        people.tum,
+        tum,
         each(titles="x,y,z", columns=("0",)),
         "x always the same",
     ),
     "a cloud": (
-        people.tum,
+        tum,
         each(titles="y,x,z", columns=("-2", "0", "2")),
         "y is -2 to 2",
     ),
     "several of a pose": (
-        people.csv,
+        csv,
         each("scan_{:03d}_frame0.csv"),
         each("scan_{:03d}_frame1.csv"),
         "of one pose",
     ),
     "two families": (
-        people.csv,
+        csv,
         one_each,
         each("under_scan_{:03d}.csv"),
         "which holds the profiles",
@@ -317,9 +322,9 @@ FOLDERS |= {
         "in order",
     ),
     "samples": (in_one_json, nothing, "in order"),
-    "sheets": (people.csv, sheets, "by Name and the names"),
+    "sheets": (csv, sheets, "by Name and the names"),
     "driven backwards": (
-        functools.partial(people.abb, backwards=True),
+        functools.partial(abb, backwards=True),
         "in order of the moves",
     ),
     "a vector": (
@@ -327,13 +332,13 @@ FOLDERS |= {
         "rx, ry, rz: a rotation vector",
     ),
     "a base": (
-        people.kuka,
+        kuka,
         one_each,
         edited("scan.dat", "BASE_NO 0", "BASE_NO 2", 12),
         "in base 2, not taken off",
     ),
     "an offset": (
-        people.abb,
+        abb,
         one_each,
         edited("scan.mod", "MoveL p", "MoveL RelTool(p", 12),
         "taken off; in base wball, not taken off; moves beside poses",
@@ -391,6 +396,12 @@ TOOL_OF_ABB = (
 ON_TOOL_3 = edited("CALIB.LS", "UT : 0", "UT : 3", 12)
 
 
+def heights(folder):
+    """In rows that begin with their number."""
+    rows = [[k, *points[:, 1]] for k, points in enumerate(scan().values)]
+    write_table(folder / "z.csv", "", rows)
+
+
 def labels_lost(folder):
     """Below a blank line."""
     lines = (folder / "robot.csv").read_text().splitlines()
@@ -413,13 +424,13 @@ def sheet_with_a_word(folder):
 
 SAID = {
     "no frame": (
-        people.abb,
+        abb,
         one_each,
         edited("scan.mod", "tooldata tScan", "tooldata tOther"),
         "tscan, whose frame",
     ),
     "a frame in the program": (
-        people.kuka,
+        kuka,
         one_each,
         edited(
             "scan.dat",
@@ -429,15 +440,15 @@ SAID = {
         ),
         "one at [12.0, 0.0, 0.0], taken off; in base 2, not taken off",
     ),
-    "a line": (people.fanuc, one_each, ON_TOOL_3, "3, whose frame is not here"),
+    "a line": (fanuc, one_each, ON_TOOL_3, "3, whose frame is not here"),
     "two frames of one tool": (
-        people.abb,
+        abb,
         one_each,
         a_file("other.mod", TOOL_OF_ABB.format("tScan")),
         "tscan, whose 2 frames are here",
     ),
     "listed frames": (
-        people.fanuc,
+        fanuc,
         one_each,
         ON_TOOL_3,
         a_file("SYSFRAME.VA", FRAMES),
@@ -448,7 +459,7 @@ SAID = {
         "are the poses?… --where tool=1",
     ),
     "two that moves have": (
-        people.abb,
+        abb,
         one_each,
         edited("scan.mod", "v100,fine,tScan", "v100,fine,tool0"),
         "have tools tool0, tscan; of which are the poses?… --where tool=tscan",
@@ -461,23 +472,24 @@ SAID = {
         "(--tool 0 0 0 0 0 0: of the flange)… --where tool=NAME",
     ),
     "all of a pose": (
-        people.csv,
+        csv,
         one_each,
         each("scan_{:03d}_2.csv"),
         "--profiles",
         "scan_*",
         "/ written",
     ),
-    "rows": (people.tum, "--where", "y=0", "no rows where y=0; the columns are … x, z"),
-    "no rows": (people.tum, "--where", "x=7", "no profiles in rows where x=7"),
-    "too few": (people.tum, "--pose-columns", "x,y", "--pose-columns says x,y"),
-    "one column": (people.tum, "--columns", "2,2", "x and z are one column"),
-    "four columns": (people.tum, "--columns", "_,x,z,_", "expected two"),
-    "column": (people.tum, "--columns", "x,Hoehe", "no Hoehe in columns x, z"),
-    "entry": (people.tum, "--entry", "flnage", "no entry flnage; the entries are"),
+    "heights": (tum, heights, "--x", "0", "2", "[0.0, 85.5] to [38.0, 138.875] mm"),
+    "rows": (tum, "--where", "y=0", "no rows where y=0; the columns are … x, z"),
+    "no rows": (tum, "--where", "x=7", "no profiles in rows where x=7"),
+    "too few": (tum, "--pose-columns", "x,y", "--pose-columns says x,y"),
+    "one column": (tum, "--columns", "2,2", "x and z are one column"),
+    "four columns": (tum, "--columns", "_,x,z,_", "expected two"),
+    "column": (tum, "--columns", "x,Hoehe", "no Hoehe in columns x, z"),
+    "entry": (tum, "--entry", "flnage", "no entry flnage; the entries are"),
     "entry of profiles": (of_camera, "--entry", "x,z", "poses are of cam"),
     "a second code": (
-        people.tum,
+        tum,
         each(nothing="9999,9999"),
         edited("scan_003.csv", "9999", "-1", 2),
         edited("scan_004.csv", "9999", "-1", 2),
@@ -486,14 +498,14 @@ SAID = {
         "z is -1 at 2 …: a second code?",
     ),
     "a row cut short": (
-        people.csv,
+        csv,
         one_each,
         edited("robot.csv", "scan_005;", "scan_099;1;2\nscan_005;"),
         "line …: 3 fields; expected 7",
     ),
-    "labels lost": (people.csv, one_each, labels_lost, "line 11: 6 fields; expected 7"),
+    "labels lost": (csv, one_each, labels_lost, "line 11: 6 fields; expected 7"),
     "a label twice": (
-        people.csv,
+        csv,
         one_each,
         edited("robot.csv", "scan_004;", "scan_005;"),
         "lines 4 and 6: two poses have the Name of profile scan_005",
@@ -515,7 +527,7 @@ SAID = {
     ),
     "a sample without a pose": (without_a_pose, "line 8: T_4 is empty"),
     "another clock": (
-        people.tum,
+        tum,
         each("17000072{:02}.csv"),
         removed("1700007205.csv"),
         "log begins at 17… profiles at 17",
@@ -536,37 +548,37 @@ SAID = {
         "file pose5.txt line 1: column 4 is empty",
     ),
     "fewer": (
-        people.tum,
+        tum,
         one_each,
         removed("scan_003.csv"),
         "11 profiles for 12 poses",
     ),
     "units": (
-        people.csv,
+        csv,
         one_each,
         edited("robot.csv", "Y [mm]", "Y [m]"),
         "units are m, mm",
     ),
     "other tool": (
-        people.fanuc,
+        fanuc,
         one_each,
         edited("CALIB.LS", "UT : 0", "UT : 3"),
         "tools 3, 0",
     ),
     "word": (
-        people.csv,
+        csv,
         one_each,
         edited("scan_001.csv", "x,z", "x,z\n1,2\n3,oops"),
         "scan_001.csv line 3: z is 'oops'; exp",
     ),
     "open list": (
-        people.fanuc,
+        fanuc,
         people.lists,
         edited("p2.yml", " ]", ""),
         "p2.yml: … cut short",
     ),
     "sheet": (people.workbook, one_each, sheet_with_a_word, "line 4: Y [mm] is 'oops'"),
-    "archive": (people.tum, one_each, a_file("0.npz", "PK\3"), "0.npz: no arrays"),
+    "archive": (tum, one_each, a_file("0.npz", "PK\3"), "0.npz: no arrays"),
 }
 
 
@@ -579,14 +591,6 @@ def test_what_is_said(name, tmp_path):
     place = 0
     for part in words.split("…"):
         place = said.index(part, place) + len(part)
-
-
-def test_a_number_before_rows_of_heights_is_none_of_them(tmp_path):
-    z = np.array([points[:, 1] for points in scan().values])
-    people.tum(tmp_path)
-    np.savetxt(tmp_path / "z.csv", np.insert(z, 0, range(1, 13), axis=1), "%g", ",")
-    imported, _ = import_scan(tmp_path, "edge", {}, Layout(x=(-40, 2)))
-    assert_allclose([points[:, 1] for points in imported.values], z, atol=1e-3)
 
 
 def corrupted(folder, rng):
@@ -616,7 +620,7 @@ def test_corrupted_files_give_a_sentence_or_a_scan(tmp_path):
 def test_what_a_user_knows_is_kept_and_pictures_are_passed_over(tmp_path):
     one_point, none = a_file("scan_003.csv", "x,z\n1,2\n"), a_file("scan_004.csv", "")
     picture = a_file("cell.png", "\0")
-    folder = written(tmp_path / "in", people.tum, one_each, one_point, none, picture)
+    folder = written(tmp_path / "in", tum, one_each, one_point, none, picture)
     command = ["import", folder, tmp_path / "scan"]
     said = run(*command, "--target", "edge").output
     assert "empty: scan_003, scan_004\n" in said
@@ -704,7 +708,7 @@ def test_a_long_file_takes_five_times_its_size_of_memory(tmp_path):
     """From the command to the written scan, beside what it takes for short ones."""
     folders = [tmp_path / "short", tmp_path / "long"]
     for folder, count in zip(folders, (10, 8_000), strict=True):
-        written(folder, people.csv, long_file(count))
+        written(folder, csv, long_file(count))
     said = subprocess.check_output([sys.executable, "-c", PEAKS, *folders], text=True)
     peaks = [int(line) for line in said.splitlines() if line.isdigit()]
     assert peaks[1] - peaks[0] <= 5 * (folder / "all.csv").stat().st_size
