@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from numpy import ndarray
 from pandas import DataFrame
 
@@ -112,8 +113,9 @@ class Block:
             axis = column_titled(0, name).role if name else "z"  # below its places
             if is_long and axis in XYZ:
                 roles, owner = [axis] * len(own), name
-                steps = self.table[own[0].at].diff()[1:]
-                if len(steps) and (steps == 1).all():
+                rows = len(self.table)
+                begins = {*(self.table[own[0].at] - np.arange(rows))}
+                if not name and rows > 1 and begins in ({0}, {1}):
                     roles[0] = "label"  # which counts the rows
             else:
                 roles, owner = self.roles_of_list(name, own)

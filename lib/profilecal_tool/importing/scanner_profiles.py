@@ -161,6 +161,11 @@ def read_profiles(
     taken["columns"] = ",".join(block.title(column.at) for column in columns)
     xz = np.concatenate([part.numbers_of("xz", blank=True) for part in parts])
     units = {unit for part in parts for unit in part.units("xz")}
+    is_unsaid = "" in {column.unit for column in columns}
+    if is_unsaid and units - {"mm"} and not layout.unit:
+        unit = max(units)
+        sentence = f"{path}: x or z has no unit, the other {unit}; do both have it?"
+        raise Question(sentence, unit=unit)
     xz = in_mm(Path(commonpath(files)), xz, units, layout, taken)
     values = np.split(xz, np.cumsum(counts)[:-1])
     return Series(values, names if is_alone else names_of(files))
