@@ -201,7 +201,7 @@ FOLDERS |= {
     "a code": (tum, each(nothing="-1,-1"), "z is -1 at 12 of 240 points"),
     "zeros": (tum, each(nothing="0,0"), "0: 12 of 240 points"),
     "a far point": (tum, one_each, FAR_POINT, "1000000 at 1 of 229"),
-    "one unit": (people.tum, each(titles="x,z [um]", scale=1e3), "do both have it"),
+    "one unit": (tum, each(titles="x,z [um]", scale=1e3), "do both have it"),
     "inches": (tum, each(scale=1 / 25.4), "mm wide, up to"),
     "whole numbers": (tum, each(scale=1e5), "(--missing)"),
     "lists of four": (lists_of_four, "what are they"),
