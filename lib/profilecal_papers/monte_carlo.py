@@ -20,8 +20,8 @@ from profilecal.closed_form.two_step import solve_translation
 from profilecal.geometry.fitting import ROUNDS
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.observability import Spectrum, spectrum
-from profilecal.joint.descent import reach, refine
-from profilecal.joint.problem import Problem
+from profilecal.joint.descent import refine
+from profilecal.joint.problem import Problem, reach
 from profilecal.targets.observations import Observations, State
 
 # Random numbers drawn at a time: 256 kB, which together with their powers stay in a

@@ -344,12 +344,11 @@ def joint_entries(solution: Solution) -> dict[str, Any]:
     problem, prior = solution.problem, solution.prior
     shown = prior.scales.profile_mm if prior.source == "profiles" else solution.noise_mm
     frames = zip(problem.observations, solution.state.placements, strict=True)
-    robot_errors = sizes.of_robot
+    robot_errors, noise = sizes.of_robot, solution.noise
     smooth = {}
     if SMOOTH in robot_errors:
         smooth["smooth"] = solution.smooth.known
-        of_sizes = solution.noise.of_sizes(robot_errors)
-        robot_errors["accuracy_deg"] = of_sizes.accuracy_deg
+        robot_errors["accuracy_deg"] = noise.of_sizes(robot_errors).accuracy_deg
     return smooth | {
         "columns": column_names(problem, smooth=bool(smooth)),
         "mean": mean,
@@ -358,7 +357,7 @@ def joint_entries(solution: Solution) -> dict[str, Any]:
             [seen.kind, seen.sizes, origin[0], axes[0]]
             for seen, (origin, axes) in frames
         ],
-        "robot_errors": robot_errors | {"steering_mm": solution.noise.steering_mm},
+        "robot_errors": robot_errors | {"steering_mm": noise.steering_mm},
         "freedom": sizes.freedom,
         "delay_s": solution.delay_s or 0.0,
         "noise_factor": solution.noise_mm / shown,

@@ -6,6 +6,8 @@ sensor as if it were mounted elsewhere, and profiles whose z is negated are thos
 scanner turned by 180°. Beside a mount that is known roughly they show.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
@@ -40,8 +42,7 @@ def shown_by(solution: Solution) -> tuple[ndarray, Spectrum]:
     """δ (6,), mm and rad, from a solution to what the residuals alone say, and how well
     they tell it.
     """
-    model, _ = solution.model()
-    model.of_mount = 0.0  # the model was made for this alone
+    model = replace(solution.model()[0], of_mount=0.0)
     posterior = model.posterior(solution.error_sizes.median_v[None])
     covariance = posterior.covariance[0, :6, :6]
     return posterior.mean[0, :6], of_covariance(covariance)

@@ -61,8 +61,7 @@ class Finding:
 
 def systematic_tests(solution: Solution) -> list[Finding]:
     """What might be wrong everywhere, each by itself."""
-    targets = [entry.target for entry in solution.problem.observations]
-    tried = [*OF_SCANNER, *of_target(targets), *robot_patterns()]
+    tried = [*OF_SCANNER, *of_target(solution.problem.targets), *robot_patterns()]
     model, posterior = solution.model(tried)
     n, (normal,) = model.n - len(tried), posterior.normal
     with np.errstate(invalid="ignore", divide="ignore"):

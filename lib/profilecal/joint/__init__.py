@@ -9,12 +9,16 @@ A residual is an observed point minus where the scan plane meets the target, in 
 plane. A target says how it changes with the target's own frame (`targets.target`);
 everything else is the same for all of them and stands here. The sensor pose is
 perturbed as T · exp(δ), δ = (ρ, φ) in the sensor's frame: a point at p there moves to
-p - ρ + p × φ. The first axis is a batch of problems; the linear model and `solve` take
-one.
+p - ρ + p × φ. The first axis of `residuals`, `problem` and `descent` is a batch: of
+states of one problem, or of as many problems. What follows takes one of them; in the
+linear model the first axis is one of sets of variances.
 
-`problem` arranges the residuals of all targets (`residuals`), `descent` finds the least
-squares. At a state all else is one linear Gaussian model (`linear_model`): errors of
-the robot that profiles share or that vary smoothly with the pose (`smooth`), and what
-may be wrong at every pose alike; how large it all may be (`prior`), and is
-(`error_sizes`).
+In reading order: `problem` arranges the residuals of all targets (`residuals`), and
+what may be wrong with them (`prior`); `descent` finds the least squares, `delay` at
+which delay of the clocks, `first_fit` for most of the poses. At a state all else is one
+linear Gaussian model (`linear_model`): errors of the robot that profiles share
+(`nesting`) or that vary smoothly with the pose (`smooth`), and what may be wrong at
+every pose alike. How large it all is (`error_sizes`), and which profiles belong to it
+(`rejection`), is found in rounds, of which a `solution` follows (`conclusion`); `solve`
+does all that.
 """

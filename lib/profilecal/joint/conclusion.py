@@ -2,18 +2,20 @@
 the residuals, how well it is known, and whether another sensor pose fits as well.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import ndarray
 
-from profilecal.geometry.noise import ESTIMATED, chi2_limit, normalised_square
+from profilecal.geometry.noise import chi2_limit, normalised_square
 from profilecal.geometry.observability import explain, of_covariance, spectrum
 from profilecal.geometry.poses import pose_error
 from profilecal.joint import delay
 from profilecal.joint.descent import ROUGHLY, refine
-from profilecal.joint.estimation import ROUNDS, Estimate, after_step
+from profilecal.joint.error_sizes import ErrorSizes
+from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.prior import Prior
+from profilecal.joint.problem import Problem
 from profilecal.joint.rejection import chi2_left_out
 from profilecal.joint.solution import Solution
 from profilecal.targets.observations import State
@@ -22,10 +24,19 @@ UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlar
 # χ² of the six unknowns of a sensor pose: rarely more, and of one that is another
 RARE_SQUARE = 12.0
 OTHER_SQUARE = 50.0
-UNSETTLED = (
-    f"the answer, or which poses belong to it, still changed after {ROUNDS} rounds; "
-    "look at the poses that were left out, and add others"
-)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The linear model of the profiles that belong together, and what it says with
+    errors of the sizes found.
+    """
+
+    problem: Problem
+    state: State  # where it was linearised
+    model: LinearModel
+    error_sizes: ErrorSizes
+    doubts: list[str]  # sentences on what another round would change
 
 
 def conclude(estimated: Estimate, prior: Prior, candidates: State) -> Solution:
@@ -33,16 +44,16 @@ def conclude(estimated: Estimate, prior: Prior, candidates: State) -> Solution:
     poses that may fit as well.
     """
     solution = at_the_mean(estimated, prior)
-    status, messages = how_known(solution)
+    problem, rotation = solution.problem, solution.rotation
+    status, known, remarks = delay.verdict(solution)
+    remarks += explain(known, rotation, problem.poses[0], problem.frame)
     if status != "unobservable":
-        against = twin(solution, candidates)
-        if not estimated.settled:
-            against.append(UNSETTLED)
+        against = twin(solution, candidates) + estimated.doubts
         if against:
             status = "weak"
-            messages += against
-    messages = [*solution.messages, *messages]
-    return replace(solution, status=status, messages=tuple(messages))
+            remarks += against
+    messages = (*solution.messages, *remarks)
+    return replace(solution, status=status, messages=messages)
 
 
 def at_the_mean(estimated: Estimate, prior: Prior) -> Solution:
@@ -51,7 +62,7 @@ def at_the_mean(estimated: Estimate, prior: Prior) -> Solution:
     """
     model, sizes = estimated.model, estimated.error_sizes
     posterior = model.posterior(sizes.median_v[None])
-    problem, state = after_step(estimated.problem, estimated.state, sizes.mean)
+    problem, state = estimated.problem.after_step(estimated.state, sizes.mean)
     n, chi2 = problem.n, float(posterior.square[0])
     square = sum(chi2_left_out(model, posterior)) / np.maximum(model.counts, 1)
     dof = max(int(model.counts[model.kept].sum()) - n, 1)
@@ -59,18 +70,11 @@ def at_the_mean(estimated: Estimate, prior: Prior) -> Solution:
     sizes = sizes.enlarged_by(enlargement)
     rank = spectrum(posterior.normal[0, :n, :n], problem.units).rank
     observability = of_covariance(sizes.covariance[:6, :6], rank, n)
-    terms = zip(problem.terms, state.placements, strict=True)
-    medians = {size.name: size.middle for size in sizes.sizes}
     return Solution(
         state=state,
         covariance=observability.covariance,
-        placements=tuple(
-            term.target.at(origin[0], axes[0], term.sizes)
-            for term, (origin, axes) in terms
-        ),
         prior=prior,
         error_sizes=sizes,
-        noise=problem.noise.of_sizes(dict.fromkeys(ESTIMATED, 0.0) | medians),
         chi2=chi2,
         dof=dof,
         rms_mm=estimated.problem.rms_mm(estimated.state, sizes.mean, model.kept),
@@ -81,17 +85,6 @@ def at_the_mean(estimated: Estimate, prior: Prior) -> Solution:
         messages=messages,
         problem=problem,
     )
-
-
-def how_known(solution: Solution) -> tuple[str, list[str]]:
-    """The status of a sensor pose by its covariance and that of a delay, and what a
-    person should know of that, and do.
-    """
-    problem = solution.problem
-    status, known, remarks = delay.verdict(solution)
-    R_flange = np.concatenate([seen.R_flange[0] for seen in problem.observations])
-    why = explain(known, solution.rotation, R_flange, problem.frame)
-    return status, remarks + why
 
 
 def enlargement_by_misfit(
@@ -137,7 +130,6 @@ def errors_if_right(solution: Solution, others: State) -> tuple[ndarray, ndarray
     """Errors (B, 6) of a solution if other sensor poses are right, and whether each of
     these is another, (B,).
     """
-    own, theirs = solution.state, (others.rotation, others.translation)
-    delta = pose_error(own.rotation, own.translation, *theirs)
-    square = normalised_square(solution.covariance, delta)
-    return delta, square > OTHER_SQUARE
+    theirs = others.rotation, others.translation
+    errors = pose_error(solution.rotation, solution.translation, *theirs)
+    return errors, normalised_square(solution.covariance, errors) > OTHER_SQUARE

@@ -99,9 +99,10 @@ def verdict(solution: Solution) -> tuple[str, Spectrum, list[str]]:
     elif not to_blame:
         return status, known, []
     in_units = moves / HAND_PRECISION
-    direction = in_units / np.linalg.norm(in_units)
+    length = float(np.linalg.norm(in_units))
+    direction = in_units / length
     what = name_direction(direction, solution.rotation, solution.problem.frame)
-    size = size_direction(float(np.linalg.norm(in_units)), direction)
+    size = size_direction(length, direction)
     sentence = (
         f"{what} is known only to {size}, because the motions leave {delay} open: "
         "drive the same sweeps backwards, or stop at eight places"

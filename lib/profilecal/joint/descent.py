@@ -10,7 +10,7 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.poses import angle_between
-from profilecal.joint.problem import Fit, Problem
+from profilecal.joint.problem import Fit, Problem, reach
 from profilecal.targets.observations import Observations, State
 
 POSES = 40  # that the search looks at
@@ -20,6 +20,7 @@ GRID = Rotation.create_group("I").as_matrix()
 START_ROTATIONS = Rotation.create_group("T").as_matrix()  # 12
 HOPELESS = 100.0  # times the noise, or the best loss
 KEPT = 6  # starts that all poses are looked at from
+AGREEING = 5  # starts of a coarse grid that settle a search
 # Rounds of a search: how many steps, how many states are kept after them, and how many
 # times the best loss those may have.
 SEARCH_ROUNDS = [(6, 24, 10 * HOPELESS), (8, 10, 10 * HOPELESS), (16, KEPT, HOPELESS)]
@@ -58,7 +59,8 @@ def refine(
             step, promise = damped_step(here.normal, factor)
             small = reach(step) < tolerance
             trial = problem.move(here.state, step, anew)
-            # a small last step is taken without another look
+            # a small last step is taken without another look: what the fit has beside
+            # the state is from before it
             here = replace(here, state=trial.where(small & ~done, here.state))
             rounding = promise <= 1e-14 * here.loss
             done |= small | rounding
@@ -69,15 +71,9 @@ def refine(
             better = (there.loss <= here.loss) & ~done  # false for NaN
             here = there.where(better, here)
             easing = np.clip(1 - (2 * gain - 1) ** 3, 0.01, 2)
-            factor = factor * np.where(better, easing, growth)
-            factor = np.clip(factor, 1e-12, 1e8)
+            factor = np.clip(factor * np.where(better, easing, growth), 1e-12, 1e8)
             growth = np.where(better, 2.0, 2 * growth)
     return here
-
-
-def reach(step: ndarray) -> ndarray:
-    """How far steps (B, 6 or more) move sensor poses, rad or hundreds of mm."""
-    return np.abs(step[:, :6] / [100, 100, 100, 1, 1, 1]).max(axis=1)
 
 
 def damped_step(normal: ndarray, damping: ndarray) -> tuple[ndarray, ndarray]:
@@ -106,14 +102,14 @@ def search(problem: Problem, starts: Sequence = ()) -> State:
     few = few_poses(problem, POSES)
     count = few.counts.sum()
     if all(term.target.fit_is_best for term in few.terms):
-        # targets can be placed at every step: a coarse grid will do if several of its
-        # starts end at one pose that fits
+        # targets can be placed at every step: a coarse grid will do if AGREEING of its
+        # starts end at one pose that fits, after eight steps or sixteen
         state = started(few, START_ROTATIONS, starts)
         for _ in range(2):
             fits = onward(few, state, steps=8)
             state = fits.state
             agreeing = np.count_nonzero(are_one(state)[0])
-            if fits.loss[0] < HOPELESS * count and agreeing >= 5:
+            if fits.loss[0] < HOPELESS * count and agreeing >= AGREEING:
                 limit = HOPELESS * max(fits.loss[0], count)
                 return distinct(state[fits.loss < limit])
     state = started(few, GRID, starts)
@@ -148,8 +144,8 @@ def onward(problem: Problem, state: State, steps: int) -> Fit:
 
 def search_among_outliers(problem: Problem, found: State) -> State:
     """Sensor poses worth refining where a part of the data is wrong, beside what
-    `search` found: each rotation of the grid looks at another few groups of poses, some
-    of which hold no bad one. The medians of all residuals tell which.
+    `search` found: rotation k of the grid looks at selection k of groups of poses
+    alone, and some of these hold no bad one. The medians of all residuals tell which.
     """
     selections = [few_groups(entry, len(GRID)) for entry in problem.observations]
     subsets = Problem(selections, problem.noise, in_space=True)
@@ -197,7 +193,8 @@ def few_groups(observations: Observations, count: int) -> Observations:
     rng = np.random.default_rng(0)
     group = observations.labels
     P = len(group)
-    # about what place each has in its group: a few of each group, then others
+    # Poses draw places in their group. Those of the first few places come first, one
+    # group after the other as these draw lots; then those of the next few places.
     place = rng.random((count, P)) * np.bincount(group)[group]
     order = place // most_of_group + rng.random((count, P))[:, group]
     chosen = np.argsort(order, axis=1)[:, :most]

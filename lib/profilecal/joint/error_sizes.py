@@ -23,6 +23,7 @@ from scipy.special import chdtrc, gammaln, ndtri, softmax
 from profilecal.geometry.noise import FALSE_ALARM, SMOOTH, chi2_limit, in_mm
 from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import Law, Prior
+from profilecal.joint.restricted_likelihood import gradient
 from profilecal.targets.observations import Batch
 
 SMOOTH_ALONE = 0.1  # odds that the robot's errors are smooth in the pose alone
@@ -90,12 +91,8 @@ class Likeliest:
     # the sign and the order that eigenvectors happen to have
     root: ndarray
     posterior: Posterior  # where they were looked at last: there, or nearly
-    height: float  # of the log density, where they were looked at
-
-    @property
-    def log_evidence(self) -> float:
-        """Of all sizes together, as if their density were normal (Laplace)."""
-        return float(self.height + np.linalg.slogdet(self.root)[1])
+    # of all sizes together, as if their density were normal (Laplace)
+    log_evidence: float
 
 
 def likeliest(model: LinearModel, law: Law, y: ndarray | None = None) -> Likeliest:
@@ -116,8 +113,7 @@ def likeliest(model: LinearModel, law: Law, y: ndarray | None = None) -> Likelie
     changes a coordinate by more than 1.5.
     """
     if y is None:
-        is_robot = law.free > 0  # number 0 is the scanner's noise
-        some = np.outer(START_SIZES, is_robot)
+        some = np.outer(START_SIZES, law.free > 0)  # number 0 is the scanner's noise
         heights = log_density(model.posterior(law.variances(some)), some)
         y = some[np.argmax(heights)]
 
@@ -132,7 +128,7 @@ def likeliest(model: LinearModel, law: Law, y: ndarray | None = None) -> Likelie
         before, here, after = around
         slope = (after - before) / (2 * STEP)
         bend = (after - 2 * here + before) / STEP**2
-        g, information = (part[..., law.free] for part in model.gradient(posterior))
+        g, information = (part[..., law.free] for part in gradient(model, posterior))
         information = slope[:, None] * information[law.free] * slope
         values, vectors = np.linalg.eigh(information + np.diag(1 - g * bend))
         values = np.maximum(values, 0.5)
@@ -148,7 +144,7 @@ def likeliest(model: LinearModel, law: Law, y: ndarray | None = None) -> Likelie
         y = y + step
         h, around, posterior = there
     root = vectors / np.sqrt(values) @ vectors.T
-    return Likeliest(y, root, posterior, h)
+    return Likeliest(y, root, posterior, h + np.linalg.slogdet(root)[1])
 
 
 def draw(
@@ -264,8 +260,8 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     units = np.r_[prior.scales.profile_mm, np.ones(len(model.names))]
     sizes = sizes_of(beliefs, names, units)
     medians = np.array([size.middle for size in sizes]) / units
-    sizes_mm = units * [*map(in_mm, names)]
-    sizes_mm *= np.not_equal(names, SMOOTH)  # they are no fresh errors
+    # smooth errors are no fresh ones
+    sizes_mm = units * [in_mm(name) * (name != SMOOTH) for name in names]
     together = draws.v @ sizes_mm**2
     mean_v = w @ draws.v
     # χ² of f degrees of freedom has the relative variance 2 / f
@@ -304,12 +300,11 @@ def sizes_of(
 
     sizes = []
     columns = np.concatenate(believed).T
-    usual = spreads[0]  # of the first belief
-    for name, values, wide in zip(names, columns, usual, strict=True):
+    # the first belief says what is known from the data
+    for name, values, wide in zip(names, columns, spreads[0], strict=True):
         order = np.argsort(values)
-        below = np.cumsum(share[order]) - share[order] / 2
-        ends = np.interp([0.025, 0.5, 0.975], below, values[order])
-        low, middle, high = ends.tolist()
+        rank = np.cumsum(share[order]) - share[order] / 2
+        low, middle, high = np.interp([0.025, 0.5, 0.975], rank, values[order]).tolist()
         from_data = name == "profile_mm" or bool(wide < FROM_DATA)
         sizes.append(Size(name, low, middle, high, from_data))
     return tuple(sizes)
@@ -324,15 +319,15 @@ def of_scanners(model: LinearModel, law: Law, likely: Likeliest) -> Belief:
     """
     one_poor = np.eye(model.n)[model.may_be_poor]
     all_poor = one_poor.sum(axis=0, keepdims=True)
-    beliefs = [0 * all_poor, one_poor]
-    if len(one_poor) > 1:
-        beliefs.append(all_poor)
-    poor = np.concatenate(beliefs)  # (B, n) 1 where an error is POORER times the usual
+    # (B, n) 1 where an error is POORER times the usual; none, first, and all may be one
+    poor = np.unique(np.concatenate([0 * all_poor, one_poor, all_poor]), axis=0)
     log_odds = np.log(np.where(poor.any(axis=1), POOR, 1.0))
     at_peak = log_odds + model.rescaled(likely.posterior, POORER**poor)[0][:, 0]
     best = poor[np.argmax(at_peak)]
     if best.any():
-        model = model.with_errors(POORER**best)
+        times = POORER**best
+        precision = model.precision / np.outer(times, times)
+        model = replace(model, precision=precision)
         likely = likeliest(model, law, likely.y)
     counts = at_peak > at_peak.max() + np.log(LITTLE)
     poor, log_odds = poor[counts], log_odds[counts]

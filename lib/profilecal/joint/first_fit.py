@@ -43,8 +43,7 @@ def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
         return fits
     by_most = robust_fit(problem, fits.state)
     if is_doubtful(problem, by_most, usual_mm, MANY):
-        state = search_among_outliers(problem, by_most.state)
-        by_most = robust_fit(problem, state)
+        by_most = robust_fit(problem, search_among_outliers(problem, by_most.state))
     agreeing = ~contradicting(problem, by_most, usual_mm)
     too_few_agree = problem.freedoms[agreeing].sum() <= problem.n
     if too_few_agree:  # some fit to so few is nearly exact, and says nothing
@@ -86,11 +85,10 @@ def is_beyond_robots(problem: Problem, fits: Fit, scale: float) -> bool:
     is open whatever it does, with a scanner's noise that is `scale` times as large as
     assumed.
     """
-    if typical_mm(problem, fits) > LARGEST_ERROR_MM:
-        return True
     known = spectrum(fits.normal[0, :-1, :-1], problem.units)
     # ten times worse than measured by hand
-    return bool(known.rank < problem.n or known.sd[0] * scale > 10)
+    is_open = known.rank < problem.n or known.sd[0] * scale > 10
+    return bool(is_open or typical_mm(problem, fits) > LARGEST_ERROR_MM)
 
 
 def typical_mm(problem: Problem, fits: Fit) -> float:

@@ -61,7 +61,7 @@ def add_up(sums: ndarray, holders: ndarray, parts: ndarray) -> None:
     """Add parts (S, G, ...) to the sums (S, groups, ...) of the groups (G,) that hold
     them, which are in rising order. Nothing is shared in group 0.
     """
-    if not holders[-1]:
+    if not holders[-1:].any():
         return
     # where each holder stands first
     places = np.arange(len(holders))

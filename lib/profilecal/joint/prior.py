@@ -115,9 +115,10 @@ class Prior:
         """About how large residuals are if all errors are as large as expected, 100 mm
         from the flange.
         """
-        sizes = [] if self.source == "residuals" else [self.scales.profile_mm]
-        for name, size in self.scales.of_robot.items():
-            sizes.append(size * in_mm(name))
+        robot = self.scales.of_robot.items()
+        sizes = [size * in_mm(name) for name, size in robot]
+        if self.source != "residuals":
+            sizes.append(self.scales.profile_mm)
         return float(np.linalg.norm(sizes))
 
     @property
@@ -145,10 +146,11 @@ class Prior:
         spreads[0] = self.profile_spread
         for number, name in enumerate(names, 1):
             is_stated = name in self.stated
+            if self.robot_known and (is_stated or name != SMOOTH):
+                continue
             if name == SMOOTH:
-                known = self.robot_known and is_stated
-                spreads[number] = 0.0 if known else SMOOTH_SPREAD
-            elif not self.robot_known:
+                spreads[number] = SMOOTH_SPREAD
+            else:
                 freedoms[number] = STATED_FREEDOM if is_stated else FREEDOM
         return Law(scales, spreads, freedoms)
 
@@ -230,22 +232,25 @@ class Perturbation:
     name: str = ""
 
 
-def scaled_x(x: ndarray, z: ndarray) -> tuple[ndarray, ndarray]:
+Points = tuple[ndarray, ndarray]  # x and z
+
+
+def scaled_x(x: ndarray, z: ndarray) -> Points:
     """An error of x that grows with x, by one."""
     return x, 0 * z
 
 
-def scaled_z(x: ndarray, z: ndarray) -> tuple[ndarray, ndarray]:
+def scaled_z(x: ndarray, z: ndarray) -> Points:
     """An error of z that grows with z, by one."""
     return 0 * x, z
 
 
-def sheared(x: ndarray, z: ndarray) -> tuple[ndarray, ndarray]:
+def sheared(x: ndarray, z: ndarray) -> Points:
     """An error of x that grows with z, by one."""
     return z, 0 * z
 
 
-def bend(x: ndarray, z: ndarray) -> tuple[ndarray, ndarray]:
+def bend(x: ndarray, z: ndarray) -> Points:
     """An error of z as if profiles were bent by 1 mm, 50 mm from the middle."""
     return 0 * x, (x / 50) ** 2
 
@@ -301,12 +306,12 @@ def of_clocks(observations: Sequence[Observations]) -> dict[Perturbation, float]
     """What may be wrong with the times of what was seen in motion, if anything was, and
     how large that is: a delay, and one that grows from the middle of all times.
     """
-    moving = [entry for entry in observations if entry.moving.any()]
-    times = [entry.times.ravel() for entry in moving if entry.times is not None]
+    moving = [seen for seen in observations if seen.moving.any()]
+    times = [seen.times.ravel() for seen in moving if seen.times is not None]
     if not times:
         return {}
-    ends = np.nanmin(np.concatenate(times)), np.nanmax(np.concatenate(times))
-    middle = sum(ends) / 2
+    every = np.concatenate(times)
+    middle = (np.nanmin(every) + np.nanmax(every)) / 2
     growing = Perturbation(
         "the scanner's clock was too {} by {} ppm",
         1e6,

@@ -12,8 +12,8 @@ from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.log import DELAY_S
 from profilecal.geometry.noise import SMOOTH, Noise, Systematic, chi2_limit
 from profilecal.geometry.observability import units_by_hand
-from profilecal.geometry.poses import carry, rotations
-from profilecal.joint.linear_model import LinearModel
+from profilecal.geometry.poses import Frames, carry, rotations
+from profilecal.joint.linear_model import LinearModel, linear_model
 from profilecal.joint.prior import (
     DELAY,
     FINEST_MM,
@@ -41,6 +41,7 @@ NOTHING_KNOWN = 1e-8
 # Noise levels at which Cauchy's loss gives a pose the weight of a half: little is lost
 # on clean data (notebook 42).
 CAUCHY = 2.385
+FARTHEST = 0.1  # that a step goes at once: rad, or hundreds of mm
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ class Problem:
         self.n = int(ends[-1])
         self.parts = [np.arange(*ends) for ends in pairwise(ends)]  # each target's
         self.considered_columns = slice(self.n, self.n + len(self.considered))
-        self.may_be_poor = slice(self.n, self.n + len(may_be_poor))
+        self.may_be_poor = range(self.n, self.n + len(may_be_poor))
         # the column of the delay, if anything was seen in motion
         self.clock = None
         if DELAY in self.considered:
@@ -129,15 +130,19 @@ class Problem:
         """Which profiles share errors of the flange."""
         return pose_groups(self.observations)
 
+    @property
+    def poses(self) -> Frames:
+        """Of the flange, of all profiles: (profiles, 3, 3), (profiles, 3)."""
+        R = np.concatenate([seen.R_flange[0] for seen in self.observations])
+        return R, np.concatenate([seen.T_flange[0] for seen in self.observations])
+
     def smooth(self, state: State) -> SmoothErrors:
         """The robot's smooth errors at a state, a batch of one."""
-        R = np.concatenate([seen.R_flange[0] for seen in self.observations])
-        T = np.concatenate([seen.T_flange[0] for seen in self.observations])
         pairs = zip(self.terms, state.placements, strict=True)
         middles = [term.middle(state, placement) for term, placement in pairs]
         counts = [term.P for term in self.terms]
         return smooth_errors(
-            (R, T),
+            self.poses,
             (state.rotation[0], state.translation[0]),
             np.average(middles, axis=0, weights=counts),
             np.radians(self.noise.accuracy_deg) / (self.noise.accuracy_mm or 1.0),
@@ -281,34 +286,35 @@ class Problem:
         ]
         by_flange, rows = whole[..., FLANGE], whole[..., : FLANGE.start]
         smooth, accuracy_mm = None, self.noise.accuracy_mm
+        fresh = [name for name in names if name != SMOOTH]
         if SMOOTH in names:
             smooth = self.smooth(state)
         elif accuracy_mm:
             B = self.smooth(state).columns(by_flange)
             rows = np.concatenate([rows[..., :-1], B, rows[..., -1:]], axis=2)
             precision = np.append(precision, np.full(B.shape[2], accuracy_mm**-2.0))
-        return LinearModel(
+        return linear_model(
             by_flange,
             rows,
             self.counts,
             self.groups,
-            names,
+            fresh,
             np.diag(precision),
-            clock=self.clock,
+            self.clock,
+            smooth,
             of_mount=self.of_mount(state, len(precision))[0],
             may_be_poor=self.may_be_poor,
-            smooth=smooth,
         )
 
     def rms_mm(self, state: State, x: ndarray, profiles: ndarray) -> float:
         """Root mean square of the residuals of some profiles (profiles,) after a step x
         (n + c,) from a state, a batch of one, less the errors considered.
         """
-        x, square = np.append(x[: self.considered_columns.stop], 1.0), 0.0
+        x, square = np.append(x, 1.0), 0.0
         columns = self.columns_in_mm(state)
-        for z, chosen in zip(columns, self.split(profiles), strict=True):
-            residual = np.tensordot(x, z[0, : len(x), :, chosen], (0, 1))
-            square += np.sum(residual**2)
+        for (z,), chosen in zip(columns, self.split(profiles), strict=True):
+            residual = np.tensordot(x, z[: FLANGE.start], 1)
+            square += np.sum(residual[:, chosen] ** 2)
         return float(np.sqrt(square / self.counts[profiles].sum()))
 
     def move(self, state: State, step: ndarray, anew: bool = False) -> State:
@@ -326,7 +332,24 @@ class Problem:
                 placements.append(term.move(placement, step[:, own]))
         return State(turned, shifted, tuple(placements))
 
+    def after_step(self, state: State, x: ndarray) -> tuple["Problem", State]:
+        """The problem and the state, a batch of one, after a step x (n + c,), or after
+        as much of it as goes no farther than FARTHEST. The clock then counts from its
+        new delay, as if that were as likely as none.
+        """
+        step = x[None, : self.n]
+        share = FARTHEST / max(FARTHEST, reach(step)[0])
+        state = self.move(state, step * share)
+        if self.clock is None:
+            return self, state
+        return self.later(x[self.clock] * share), state
+
     def place(self, rotation: ndarray, translation: ndarray) -> State:
         """Sensor poses (B, 3, 3), (B, 3) with each target placed where they see it."""
         placements = tuple(term.place(rotation, translation) for term in self.terms)
         return State(rotation, translation, placements)
+
+
+def reach(step: ndarray) -> ndarray:
+    """How far steps (B, 6 or more) move sensor poses, rad or hundreds of mm."""
+    return np.abs(step[:, :6] / [100, 100, 100, 1, 1, 1]).max(axis=1)

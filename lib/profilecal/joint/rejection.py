@@ -61,10 +61,10 @@ def chi2_left_out(model: LinearModel, posterior: Posterior) -> tuple[ndarray, nd
     all other profiles kept say of them; and of the rest of its residuals, where all
     kept have the unknowns.
     """
-    of_flange = normalised_square(*model.left_out(posterior)[::-1])
     rest = model.rest @ np.append(posterior.mean[0], 1.0)
     # what is below zero is rounding
-    return np.maximum(of_flange, 0), np.sum(rest**2, axis=1) / posterior.v[0, 0]
+    of_flange = np.maximum(model.left_out(posterior), 0)
+    return of_flange, np.sum(rest**2, axis=1) / posterior.v[0, 0]
 
 
 def belonging(

@@ -1,6 +1,6 @@
 """One target's residuals and their derivatives, arranged for speed."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy import ndarray
 from numpy.random import Generator
+from numpy.typing import ArrayLike
 
 from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.noise import Noise
@@ -75,10 +76,10 @@ class Residuals:
         self.sd = of_points[:, :, None] * noise.profile_mm * np.array(rows)[:, None]
 
     def linearise(
-        self, state: State, placement: tuple, sizes: Sequence[float] = ()
+        self, state: State, placement: tuple, longer: ArrayLike = 0.0
     ) -> ndarray:
-        """The K residuals of each of P poses and their derivatives, mm and rad; or as
-        they were with other `sizes` of the target.
+        """The K residuals of each of P poses and their derivatives, mm and rad, if the
+        target's lengths are so much `longer`.
 
         Returns (B, columns, K, P), zero where no point is. The columns are derivatives
         by the sensor pose (6) and by the target's frame (n), then the residual.
@@ -101,11 +102,12 @@ class Residuals:
         target = self.target
         residual = target.residual_in_space if self.in_space else target.residual
         with np.errstate(divide="ignore", invalid="ignore"):
-            sight = Sight(origin, axes, self.seen, sizes or self.sizes)
+            sizes = tuple(np.add(self.sizes, longer).tolist())
+            sight = Sight(origin, axes, self.seen, sizes)
             r, force, torque = residual(sight)
 
         B, rows = len(state.rotation), len(r)
-        count = 6 + self.n + 1
+        count = self.n + 7
         by_point = np.empty((B, count, self.m, rows, self.P))
         for k in range(rows):
             column = by_point[:, :, :, k]
@@ -209,8 +211,7 @@ class Residuals:
                 late = error.clock(np.nan_to_num(seen.times[0]))
                 motion = seen.twist * late[:, None]
         elif seen.eye_to_hand:
-            in_base = -self.T_in_flange[0].T
-            motion[:, :3] = -error.positions(in_base)
+            motion[:, :3] = -error.positions(-self.T_in_flange[0].T)
         else:
             shift = error.positions(seen.T_flange[0])[:, None]
             motion[:, :3] = (shift @ seen.R_flange[0])[:, 0]
@@ -247,10 +248,10 @@ class Residuals:
         """The derivative (1, K, P) by one of the target's lengths, by differences."""
         h = 1e-4  # mm
         step = h * (np.array(self.target.lengths) == name)
-        larger, smaller = (tuple(self.sizes + by) for by in (step, -step))
-        plus = self.linearise(state, placement, larger)[:, -1]
-        minus = self.linearise(state, placement, smaller)[:, -1]
-        return (plus - minus) / (2 * h)
+        longer, shorter = (
+            self.linearise(state, placement, by)[:, -1] for by in (step, -step)
+        )
+        return (longer - shorter) / (2 * h)
 
     def on_target(self, columns: ndarray) -> "Residuals":
         """The residuals of points that lie where the state of `columns` has them on the
@@ -282,9 +283,9 @@ class Residuals:
         if self.whiten is not None:
             whiten = np.moveaxis(self.whiten[0], -1, 0)
             drawn = np.linalg.solve(whiten, drawn.T[..., None])[..., 0].T
-        moves = self.by_point(columns) * (r + drawn).reshape(self.m, -1, self.P)
-        seen = self.on_target(columns).seen + moves.sum(axis=3)
-        points = np.where(self.present, seen, np.nan)
+        columns = columns.copy()
+        columns[:, -1] -= r + drawn
+        points = np.where(self.present, self.on_target(columns).seen, np.nan)
         return replace(self.observed, points=points.transpose(1, 3, 2, 0))
 
     def move(self, placement: tuple, step: ndarray) -> Frames:

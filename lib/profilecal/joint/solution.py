@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy import ndarray
 
-from profilecal.geometry.noise import SMOOTH, Noise
+from profilecal.geometry.noise import ESTIMATED, SMOOTH, Noise
 from profilecal.geometry.observability import Spectrum
 from profilecal.geometry.poses import homogeneous
 from profilecal.joint.error_sizes import ErrorSizes
@@ -16,6 +16,7 @@ from profilecal.joint.prior import Perturbation, Prior
 from profilecal.joint.problem import Problem
 from profilecal.joint.smooth import SmoothErrors, shifting
 from profilecal.targets.observations import State
+from profilecal.targets.target import Target
 
 
 @dataclass(frozen=True)
@@ -25,10 +26,8 @@ class Solution:
     state: State  # the sensor pose and the targets, a batch of one
     # (6, 6) of (ρ, φ) in the sensor's frame, mm and rad: T = T̂ · exp(δ)
     covariance: ndarray
-    placements: tuple  # a `Target` for each set of observations
     prior: Prior  # of the errors
     error_sizes: ErrorSizes
-    noise: Noise  # the medians of the sizes of all errors
     chi2: float
     dof: int
     rms_mm: float  # of the residuals kept, less the systematic errors that they suggest
@@ -56,10 +55,24 @@ class Solution:
         if not self.problem.to_hand:
             arm = self.rotation.T @ self.translation
         lever = shifting(arm)
-        noise = self.problem.noise
-        by_axis = np.repeat([1, np.radians(noise.accuracy_deg) / noise.accuracy_mm], 3)
+        by_axis = np.repeat([1, self.smooth.ratio], 3)
         moved = np.hstack([lever * by_axis, self.smooth.steps[:6]])
         return self.covariance + sizes.mean_v[-1] * moved @ moved.T
+
+    @property
+    def placements(self) -> tuple[Target, ...]:
+        """The targets where they stand."""
+        terms = zip(self.problem.terms, self.state.placements, strict=True)
+        return tuple(
+            term.target.at(origin[0], axes[0], term.sizes)
+            for term, (origin, axes) in terms
+        )
+
+    @property
+    def noise(self) -> Noise:
+        """The medians of the sizes of all errors."""
+        medians = {size.name: size.middle for size in self.error_sizes.sizes}
+        return self.problem.noise.of_sizes(dict.fromkeys(ESTIMATED, 0.0) | medians)
 
     @cached_property
     def smooth(self) -> SmoothErrors:
@@ -73,8 +86,7 @@ class Solution:
         which nothing is known beforehand; and what it says with errors of the sizes
         found.
         """
-        names = [size.name for size in self.error_sizes.sizes[1:]]
-        model = self.problem.model(self.state, names, tried)
+        model = self.problem.model(self.state, [*self.error_sizes.of_robot], tried)
         model = model.keeping(np.concatenate(self.kept))
         return model, model.posterior(self.error_sizes.median_v[None])
 
@@ -82,7 +94,7 @@ class Solution:
     def known_of_all(self) -> tuple[ndarray, ndarray]:
         """What is known of all columns: mean and covariance of the unknowns, which are
         at their mean as the clock is, of the errors considered, and of the coefficients
-        of smooth errors.
+        of smooth errors. All regions are enlarged as that of the sensor pose is.
         """
         sizes, problem = self.error_sizes, self.problem
         posterior = self.model()[0].posterior(sizes.mean_v[None])
@@ -93,15 +105,14 @@ class Solution:
         covariance = sizes.covariance / sizes.enlarged
         mean, covariance = posterior.with_smooth(mean, covariance)
         # smooth errors stand first in the model's columns, and last here
-        last = -posterior.m
-        covariance = np.roll(sizes.enlarged * covariance, (last, last), (0, 1))
-        return np.roll(mean, last), covariance
+        order = np.roll(np.arange(len(mean)), -posterior.m)
+        return mean[order], sizes.enlarged * covariance[np.ix_(order, order)]
 
     @property
     def delay_s(self) -> float | None:
         """The robot's clock less the scanner's; None where nothing moved."""
-        moving = [entry for entry in self.problem.observations if entry.moving.any()]
-        return moving[0].delay_s if moving else None
+        delays = (s.delay_s for s in self.problem.observations if s.moving.any())
+        return next(delays, None)
 
     @property
     def delay_sd_s(self) -> float:

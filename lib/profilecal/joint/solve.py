@@ -4,16 +4,30 @@ errors without what does not belong, conclude.
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from profilecal.geometry.noise import Noise
 from profilecal.joint import delay
-from profilecal.joint.conclusion import conclude
+from profilecal.joint.conclusion import Estimate, conclude
 from profilecal.joint.descent import search
-from profilecal.joint.estimation import estimate
+from profilecal.joint.error_sizes import average, likeliest
 from profilecal.joint.first_fit import fits_of_most, is_beyond_robots, least_squares
+from profilecal.joint.linear_model import Posterior
 from profilecal.joint.prior import Prior, as_stated
-from profilecal.joint.problem import Problem
+from profilecal.joint.problem import Problem, reach
+from profilecal.joint.rejection import of_large_errors, still_belonging
 from profilecal.joint.solution import Solution
-from profilecal.targets.observations import Observations
+from profilecal.targets.observations import Observations, State
+
+ROUNDS = 10  # of estimates; one or two are usual
+UNSETTLED = (
+    f"the answer, or which poses belong to it, still changed after {ROUNDS} rounds; "
+    "look at the poses that were left out, and add others"
+)
+# Standard deviations that a step may leave to the next one; poses follow a delay less
+# evenly than a state.
+LITTLE = 0.002
+LITTLE_OF_DELAY = 0.02
 
 
 def solve(
@@ -59,3 +73,43 @@ def solve(
 def problem_of(observations: Sequence[Observations], prior: Prior) -> Problem:
     """What was seen, by noise of the scales that are believed."""
     return Problem(observations, prior.scales, prior.systematic, mount=prior.mount)
+
+
+def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Estimate:
+    """The state and the size of every error as the residuals have them, from a state
+    nearby: what does not belong is left out, the sizes are estimated without it, and a
+    Gauss-Newton step is taken, until nothing changes. `robust`: whether anything is
+    left out.
+    """
+    names = prior.names(problem.groups.distinguishable)
+    law = prior.law(names)
+    model = problem.model(state, names)
+    first = after = model.kept
+    if robust:
+        first = of_large_errors(problem, state, model, prior)
+    model = model.keeping(first)
+    likely = likeliest(model, law)
+    for _ in range(ROUNDS):
+        if robust:
+            after = still_belonging(problem, model, likely.posterior, first)
+        settled = (after == model.kept).all()
+        settled &= leaves_little(problem, likely.posterior)
+        if settled:
+            break
+        problem, state = problem.after_step(state, likely.posterior.mean[0])
+        model = problem.model(state, names).keeping(after)
+        likely = likeliest(model, law, likely.y)
+    found = average(model, prior, likely)
+    return Estimate(problem, state, model, found, [] if settled else [UNSETTLED])
+
+
+def leaves_little(problem: Problem, posterior: Posterior) -> bool:
+    """Whether the step x of all unknowns leaves little to the next one, compared with
+    how well they are known: about |x| `reach`(x), as that is of second order.
+    """
+    sd = np.sqrt(np.diag(posterior.covariance[0]))
+    step = np.abs(posterior.mean[0]) / sd
+    small = (step * reach(posterior.mean) < LITTLE)[: problem.n].all()
+    if problem.clock is not None:
+        small &= step[problem.clock] < LITTLE_OF_DELAY
+    return bool(small)

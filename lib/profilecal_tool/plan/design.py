@@ -26,6 +26,7 @@ from profilecal_tool.plan.candidates import BEYOND, draw, neighbours, refused
 from profilecal_tool.plan.scan_model import (
     Prediction,
     ScanModel,
+    each_alone,
     joined,
     largest_sd,
     predict,
@@ -91,7 +92,7 @@ class Pool:
         if len(model.before[1]):
             _, done, _ = model.linear(*model.before)
             precision += done.posterior(variances[None]).normal[0, :-1, :-1]
-        blocks = linear.alone(variances)[:, :-1, :-1] * scale
+        blocks = each_alone(linear, variances) * scale
         values, vectors = np.linalg.eigh(blocks)
         large = (values > NEGLIGIBLE * values.max()).any(axis=0)
         lengths = np.sqrt(np.maximum(values[:, None, large], 0))

@@ -125,6 +125,14 @@ class ScanModel(Setup):
         return problem, problem.model(self.state, [*sizes]), variances
 
 
+def each_alone(model: LinearModel, variances: ndarray) -> ndarray:
+    """What each profile by itself says of the unknowns, (profiles, q, q), of a robot
+    without smooth errors of unknown size; by variances (1 + k,), the scanner's 1.
+    """
+    A, rest = model.Y[..., :-1], model.rest[..., :-1]
+    return A.mT @ np.linalg.solve(model.own(variances), A) + rest.mT @ rest
+
+
 def joined(*poses: Frames) -> Frames:
     """Poses and further ones together."""
     R, T = map(np.concatenate, zip(*poses, strict=True))

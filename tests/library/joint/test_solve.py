@@ -12,10 +12,8 @@ from numpy.testing import assert_array_equal
 
 from profilecal.geometry.noise import Noise, normalised_square
 from profilecal.geometry.poses import pose_error
-from profilecal.joint.conclusion import UNSETTLED
-from profilecal.joint.estimation import after_step
 from profilecal.joint.problem import Problem
-from profilecal.joint.solve import solve
+from profilecal.joint.solve import UNSETTLED, solve
 from profilecal.simulation.scene import random_scene
 
 NOISE = Noise(SIGMA)
@@ -49,7 +47,7 @@ def test_an_estimate_that_does_not_settle_says_so(monkeypatch):
     rng = default_rng(1)
     seen = random_scene("ball", rng, positions=12).noisy(SIGMA, rng)
     assert solve([seen], NOISE).status == "ok"
-    monkeypatch.setattr("profilecal.joint.estimation.leaves_little", lambda *_: False)
+    monkeypatch.setattr("profilecal.joint.solve.leaves_little", lambda *_: False)
     solution = solve([seen], NOISE)
     assert solution.status == "weak"
     assert solution.messages == (UNSETTLED,)
@@ -58,7 +56,7 @@ def test_an_estimate_that_does_not_settle_says_so(monkeypatch):
 def test_a_step_of_zero_leads_nowhere():
     scene = random_scene("ball", default_rng(1))
     problem = Problem([scene.observations], NOISE)
-    _, state = after_step(problem, scene.truth, np.zeros(problem.n))
+    _, state = problem.after_step(scene.truth, np.zeros(problem.n))
     assert_array_equal(state.translation, scene.truth.translation)
 
 

@@ -14,7 +14,7 @@ from profilecal.geometry.noise import Systematic
 from profilecal.joint.solve import solve
 from profilecal_tool.plan.candidates import draw
 from profilecal_tool.plan.knowledge import scanner_of
-from profilecal_tool.plan.scan_model import predict
+from profilecal_tool.plan.scan_model import each_alone, predict
 
 MEASURED = [*((kind, "profiles") for kind in KINDS), ("ball", "arcs")]
 
@@ -51,7 +51,7 @@ def test_the_information_of_poses_with_orientations_of_their_own_adds_up(kind):
     R, T = draw(model, 12, default_rng(3))
     _, linear, variances = model.linear(R, T)
     together = linear.posterior(variances[None]).normal[0, :-1, :-1]
-    added = linear.alone(variances)[:, :-1, :-1].sum(axis=0)
+    added = each_alone(linear, variances).sum(axis=0)
     sd = np.sqrt(np.diag(together))
     assert np.abs((added - together) / np.outer(sd, sd)).max() < 1e-8
 

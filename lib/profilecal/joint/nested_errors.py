@@ -1,0 +1,175 @@
+"""The covariance C of rows that share errors of the flange, by its structure.
+
+C never is written out. Errors of the flange nest: visits in commanded poses, poses in
+orientations. With E_i the rows by which an error moves profile i, and S the variances
+of the error that a group shares, one error after the other is integrated out, from the
+profiles up, and its mean is carried down again.
+
+Leaves, with the errors that no other profile shares, of variances S_own:
+
+    D_i = v_0 + E_i S_own E_iᵀ = L Lᵀ      W_E, W_Z = L⁻¹ E_i, L⁻¹ Z_i
+    [J | c] of a group = Σ W_Eᵀ [W_E | W_Z]
+
+Up, for a group with the sum [J | c] of its members, s = √S:
+
+    M = 1 + s J s = L Lᵀ   K = s M⁻¹ s      log |C| = Σ log |D_i| + Σ log |M|
+
+Of what it says, K [J | c] takes its part, and the next coarser group has the sum of
+
+    [J | c] - J K [J | c] = s⁻¹ M⁻¹ s [J | c]
+
+over its members, of which the right side loses no digits.
+
+Down, from b = 0 above the coarsest: b is the mean of all errors that a group's members
+share, for each column of Z, and Q their covariance, with T = 1 - K J,
+
+    β = M⁻¹ s (c - J b_above)      b = b_above + s β      Q = K + T Q_above Tᵀ
+    C⁻¹ Z = L⁻ᵀ (W_Z - W_E b)      (C⁻¹)_ii = L⁻ᵀ (1 - W_E Q W_Eᵀ) L⁻¹
+    E_gᵀ C⁻¹ E_g = J - J Q J       E_gᵀ C⁻¹ Z = s⁻¹ β
+    Zᵀ C⁻¹ Z = Σ |W_Z - W_E b|² + Σ |β|²
+
+The last line is a sum of squares: the shorter Σ Zᵀ D⁻¹ Z - Σ cᵀ K c loses digits.
+
+In shapes, q is the most rows that a profile has, and a an error's directions: 6, or 7
+in motion. Of a profile, E_i is (q, a), Z_i (q, columns), D_i (q, q); of a group, J, M,
+K and Q are (a, a), c, b and β (a, columns), s (a,).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy import ndarray
+
+from profilecal.joint.nesting import Level, Nesting, add_up, in_parts
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows of all profiles, in b bundles of Q profiles at most, zeros where there
+    are fewer, and the parts of their D: by the scanner's noise, and by each error that
+    no other profile shares.
+    """
+
+    groups: ndarray  # (b,)
+    profiles: ndarray  # (b, Q); -1: none
+    E: ndarray  # (b, Q, q, a)
+    Z: ndarray  # (b, Q, q, columns)
+    parts: ndarray  # (errors, b, Q, q, q)
+    errors: list[int]  # their numbers: 0 is the scanner's noise
+    nesting: Nesting
+    unit_variances: ndarray  # (1 + k, a) for one unit of each of v
+
+    def factors(self, v: ndarray) -> "Factors":
+        """C for variances v (S, 1 + k)."""
+        count, (bundles, most, q, a) = len(v), self.E.shape
+        D = v[:, self.errors] @ self.parts.reshape(len(self.errors), -1)
+        root, log_det = inverse_root(D.reshape(count, -1, q, q))
+        root = root.reshape(count, *self.parts.shape[1:])
+        W_E = (root @ self.E).reshape(count, bundles, most * q, a)
+        sums = np.zeros((count, self.nesting.count, a, a))
+        add_up(sums, self.groups, W_E.mT @ W_E)
+        nodes = []
+        for level in self.nesting.levels[::-1]:
+            J = sums[:, level.groups]
+            # above zero: what is shared is divided by it
+            s = np.sqrt(v[:, level.errors] @ self.unit_variances[level.errors]) + 1e-100
+            s = s[:, None, :, None]
+            M_root, of_groups = inverse_root(np.eye(a) + s * J * s.mT)
+            log_det += of_groups
+            Ms = (M_root.mT @ M_root) * s.mT
+            nodes.append(Node(level, J, s, Ms))
+            add_up(sums, level.parents, Ms @ J / s)
+        return Factors(self, root, W_E, nodes[::-1], log_det)
+
+
+@dataclass(frozen=True)
+class Node:
+    """All G groups of a level, integrated out, for S sets of variances."""
+
+    level: Level
+    J: ndarray  # (S, G, a, a)
+    s: ndarray  # (S, 1, a, 1)
+    Ms: ndarray  # (S, G, a, a) M⁻¹ s
+
+
+@dataclass(frozen=True)
+class Factors:
+    """C for S sets of variances: of each profile, and of each level of groups."""
+
+    rows: Rows
+    root: ndarray  # (S, b, Q, q, q) L⁻¹ of D
+    W_E: ndarray  # (S, b, Q q, a)
+    nodes: list[Node]  # from coarse to fine
+    log_det: ndarray  # (S,) log |C|
+
+    def solve(self, Z: ndarray) -> tuple[ndarray, ...]:
+        """For rows Z (b, Q, q, columns): Zᵀ C⁻¹ Z (S, columns, columns), W_Z - W_E b
+        (S, b, Q q, columns), and β (S, groups, a, columns).
+        """
+        *rows, a = self.W_E.shape
+        columns = Z.shape[-1]
+        W = np.empty((*rows, columns))
+        of_profiles = W.reshape(*self.root.shape[:-1], columns)
+        c = np.zeros((len(W), self.rows.nesting.count, a, columns))
+        for part in in_parts(Z):
+            np.matmul(self.root[:, part], Z[part], out=of_profiles[:, part])
+            add_up(c, self.rows.groups[part], self.W_E[:, part].mT @ W[:, part])
+        for node in self.nodes[:0:-1]:  # from fine to coarse
+            add_up(c, node.level.parents, node.Ms @ c[:, node.level.groups] / node.s)
+
+        b, beta = np.zeros_like(c), c  # which it takes the place of
+        beta[:, 0] = 0.0
+        for node in self.nodes:
+            groups, above = node.level.groups, np.zeros(1)
+            if node is not self.nodes[0]:
+                above = b[:, node.level.parents]
+                c[:, groups] -= node.J @ above
+            beta[:, groups] = node.Ms @ c[:, groups]
+            b[:, groups] = above + node.s * beta[:, groups]
+        products = squares(beta)
+        for part in in_parts(Z):
+            W[:, part] -= self.W_E[:, part] @ b[:, self.rows.groups[part]]
+            products += squares(W[:, part])
+        return products, W, beta
+
+    @cached_property
+    def covariances(self) -> ndarray:
+        """Q (groups, a, a), for the first set of variances."""
+        a = self.W_E.shape[-1]
+        Q = np.zeros((self.rows.nesting.count, a, a))
+        for node in self.nodes:
+            K = (node.s * node.Ms)[0]
+            T = np.eye(a) - K @ node.J[0]
+            Q[node.level.groups] = K + T @ Q[node.level.parents] @ T.mT
+        return Q
+
+
+def inverse_root(C: ndarray) -> tuple[ndarray, ndarray]:
+    """L⁻¹ of matrices C = L Lᵀ (S, G, m, m), and the sums (S,) of their log |C|.
+
+    Elimination takes [C | 1] to [Lᵀ | L⁻¹]; of all matrices at once, whose numbers
+    stand last.
+    """
+    m = C.shape[-1]
+    A = np.zeros((m, 2 * m, *C.shape[:2]))
+    A[:, :m] = C.transpose(2, 3, 0, 1)
+    A[range(m), range(m, 2 * m)] = 1.0
+    for j in range(m):
+        part = slice(j, m + j + 1)
+        A[j, part] /= np.sqrt(A[j, j])
+        A[j + 1 :, part] -= A[j, j + 1 : m, None] * A[j, part]
+    root = np.ascontiguousarray(A[:, m:].transpose(2, 3, 0, 1))
+    diagonal = np.einsum("jj...->j...", A[:, :m])
+    return root, 2 * np.log(diagonal).sum(axis=(0, 2))
+
+
+def flat(rows: ndarray) -> ndarray:
+    """Rows (..., columns) of profiles, one after the other: (rows, columns)."""
+    return rows.reshape(-1, rows.shape[-1])
+
+
+def squares(rows: ndarray) -> ndarray:
+    """Σ rowsᵀ rows (S, columns, columns) of rows (S, ..., columns)."""
+    of_set = rows.reshape(len(rows), -1, rows.shape[-1])
+    return of_set.mT @ of_set
