@@ -335,7 +335,15 @@ def surfaces(folder):
         rows, seen = np.arange(len(x)), np.isfinite(x)
         titles = text(np.interp(rows, rows[seen], x[seen]))
         z = text(z).replace("nan", "")
-        lines = ["Part", "Frame,Rows", "1,1", f"Y\\X,{titles}", f"0.0,{z}", "End", ""]
+        lines = [
+            "Part",
+            "FOV X,FOV Z,Height",
+            "9,9,9",
+            f"Y\\X,{titles}",
+            f"0.0,{z}",
+            "End",
+            "",
+        ]
         write_lines(folder / f"s{k}.csv", lines)
 
 

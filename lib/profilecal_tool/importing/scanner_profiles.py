@@ -113,16 +113,14 @@ def columns_called(block: Block, said: str) -> list[Column]:
 
 
 def point_tables(blocks: list[Block], layout: Layout) -> list[Block]:
-    """The tables of points in a file that are called alike, of more than a row if there
-    are such; none where the largest table is none of points. Raises Question.
+    """The tables of points in a file that are called alike; none where the largest
+    table is none of points. Raises Question.
     """
     blocks = [block for block in blocks if len(block.table)]
     largest = max(blocks, key=lambda block: block.table.size, default=None)
     if not largest or not points_in(largest, layout.columns):
         return []
     found = [points for b in blocks if (points := points_in(b, layout.columns))]
-    if not layout.entry:
-        found = [part for part in found if len(part.table) > 1] or found
     return parts_called(found, layout.entry, "profile", "is the profile")
 
 
