@@ -9,9 +9,9 @@ import numpy as np
 from numpy import ndarray
 
 AT_ONCE = 45_000  # numbers of rows, of several sets or of a part: what a cache holds
-# On Linux, memory of arrays above 128 kB goes back to the system with each of them, and
-# the next one pays for its pages again, until one that is larger has come and gone: as
-# this one, without which a calibration takes a tenth longer.
+# Linux's malloc gives arrays above 128 kB back to the system with each of them, so that
+# the next one pays for its pages again; it raises that limit to the size of an array
+# that was freed, as this one is at once. Without it a calibration takes a tenth longer.
 np.empty(2_000_000)
 
 
@@ -40,15 +40,19 @@ class Nesting:
     count: int  # of groups
 
     def bundles(self, kept: ndarray, most: int) -> tuple[ndarray, ndarray]:
-        """The profiles kept (profiles,) in b bundles of at most Q, the mean number that
-        a group holds, or `most`: the group (b,) of each, in rising order, and its
-        profiles (b, Q); -1 where there are fewer. A larger group has several bundles.
+        """The profiles kept (profiles,) in b bundles, for arrays of one shape: each has
+        as many places Q as a group holds profiles on average, but at most `most`; a
+        larger group has several bundles.
+
+        Returns the group (b,) of each bundle, in rising order, and its profiles (b, Q),
+        -1 where there are fewer.
         """
         profiles = np.flatnonzero(kept)
         profiles = profiles[np.argsort(self.holder[profiles], kind="stable")]
         holder = self.holder[profiles]
         groups = np.unique(holder).size
         Q = min(most, -(-len(holder) // max(1, groups)))  # the mean, rounded up
+        # of each in its group: holders are in order
         place = np.arange(len(holder)) - np.searchsorted(holder, holder)
         firsts = np.flatnonzero(place % Q == 0)
         ends = np.append(firsts, len(holder))[1:, None]
@@ -99,7 +103,7 @@ def nesting(profiles: int, numbers: Sequence[ndarray]) -> Nesting:
             own += [(1 + error, ~shared) for error in kind.tolist()]
         if not shared.any():
             continue
-        # in the order of those that hold them
+        # in the order of those that hold them: a key over `count` is the holder
         key = holder[shared] * count + number[shared]
         groups, of_profiles = np.unique(key, return_inverse=True)
         holder[shared] = total + of_profiles

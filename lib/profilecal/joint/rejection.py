@@ -70,9 +70,9 @@ def chi2_left_out(model: LinearModel, posterior: Posterior) -> tuple[ndarray, nd
 def belonging(
     problem: Problem, model: LinearModel, of_flange: ndarray, of_rest: ndarray
 ) -> ndarray:
-    """The profiles (profiles,) whose two χ² (`chi2_left_out`) chance explains; of three
-    or more that share an orientation of the flange, none if it does not explain more
-    than half.
+    """The profiles (profiles,) whose two χ² (`chi2_left_out`) chance explains; of a
+    group of three or more, of one target and orientation or sweep, none if it does not
+    explain more than half.
 
     The χ² of the rows that speak of the flange follows F's law where a profile was left
     out so far: it had no part in estimating the sizes of errors, which the others tell
@@ -86,7 +86,7 @@ def belonging(
     bad = of_flange > np.where(model.kept, limit, limit_out)
     rest = model.counts - model.ranks
     bad |= (rest > 0) & (of_rest > chi2_limit(chance, np.maximum(rest, 1)))
-    orientation = problem.groups.group
-    size = np.bincount(orientation)
-    crowd = (np.bincount(orientation, bad) > size / 2) & (size > 2)
-    return ~(bad | crowd[orientation])
+    group = problem.groups.group
+    size = np.bincount(group)
+    crowd = (np.bincount(group, bad) > size / 2) & (size > 2)
+    return ~(bad | crowd[group])

@@ -34,13 +34,14 @@ from scipy.spatial.transform import Rotation
 from profilecal.geometry.poses import Frames, inverse, nearest_rotation
 from profilecal.joint.nesting import parts_of
 
-# A way over which the errors change by as much as they are; over a radian they do too.
+# The size of the errors is what they come to over so long a way, or a turn of a radian.
 REACH_MM = 750.0
 # A turn of the view counts as the way of a point so far from its middle.
 VIEW_MM = 20.0
 COEFFICIENTS = 27
-SIZE = 6 * (12 + COEFFICIENTS)  # numbers of the motions of a profile
-# shifts (3, 3) of the ends of the three axes by turns
+SIZE = 6 * (12 + COEFFICIENTS)  # numbers of the motions of a profile, without bends
+# shifts of the ends of three arms along the axes, by turns about them: (arm, shift's
+# axis, turn's axis), turn × arm
 BY_AXES = np.cross(np.eye(3), np.eye(3)[:, None]).mT
 # middle and steps of `SmoothErrors`
 Known = Sequence[ArrayLike]
@@ -48,7 +49,7 @@ Known = Sequence[ArrayLike]
 
 @dataclass(frozen=True)
 class SmoothErrors:
-    """Of P profiles, for one unit of the errors' size, what each coefficient does.
+    """What each coefficient does to P profiles, for one unit of the errors' size.
 
     Motions (6) are of the flange: a shift, mm, and a turn, rad, about the sensor's
     axes. They are made where they are needed, of some profiles at a time: those of
@@ -126,8 +127,9 @@ class SmoothErrors:
         # to hand, the sensor's axes stand still in the base
         axes = np.eye(3)[None] if self.to_hand else to_sensor
         of_turn = np.eye(3)[..., None] * turns
-        # profile; shift or turn; axis of the sensor; the coefficient's kind, its axis,
-        # and the component of the way or turn that it multiplies
+        # profile; shift or turn (2); axis of the sensor (3); of the coefficient, the
+        # kind (3: shift by way, shift by turn, turn by turn), its axis (3), and the
+        # component of the way or turn that it multiplies (3)
         errors = np.zeros((len(R), 2, 3, 3, 3, 3))
         errors[:, 0, :, 0] = axes[..., None] * self.ways[some, None, None]
         errors[:, 0, :, 1] = of_turn
@@ -156,8 +158,8 @@ def smooth_errors(
     to_hand: bool = False,
     known: Known | None = None,
 ) -> SmoothErrors:
-    """Those of `poses`, counted from their middle; the steps are found. `known`: middle
-    and steps, if others say what they are.
+    """The smooth errors of `poses`, counted from their middle; the steps are found.
+    `known`: middle and steps, if others say what they are.
     """
     R, T = poses
     places = positions(R, T, to_hand)
