@@ -1,4 +1,4 @@
-"""What readers make of files: tables, whose titles alone tell what columns are."""
+"""What readers make of files: blocks, whose titles tell what columns are."""
 
 import re
 from collections import defaultdict
@@ -23,7 +23,7 @@ from profilecal_tool.importing.makers import (
 )
 from profilecal_tool.importing.questions import one_or_ask
 
-LARGEST = 16  # numbers of a pose, a matrix; a row of more without titles is a profile
+LARGEST = 16  # numbers of a pose, those of a matrix; a list of more is a profile
 XYZ = ("x", "y", "z")
 KNOWN = "|".join(map(re.escape, sorted(UNITS, key=len, reverse=True)))
 IN_BRACKETS = re.compile(r"(.*?)[\s_,/]*[\[(]([^\])]*)[\])]")
@@ -105,12 +105,17 @@ class Block:
     @cached_property
     def columns(self) -> list[Column]:
         """What its columns are: of those with a name each, by the name; of a list's
-        numbers by its name and by how many there are.
+        numbers by its name and by how many there are::
+
+            tcp_x [m], Speed       x of tcp, in m; Speed is not known
+            tcp_pos_1 … tcp_pos_3  x, y, z of tcp
+            z_1 … z_200            z: a row is a profile
+            200 without titles     z, but for a first one that counts rows: a label
         """
         columns = [column_titled(*one) for one in enumerate(self.titles)]
         for name, own in self.lists_among(columns).items():
             is_long = len(own) > LARGEST
-            axis = column_titled(0, name).role if name else "z"  # below its places
+            axis = column_titled(0, name).role if name else "z"
             if is_long and axis in XYZ:
                 roles, owner = [axis] * len(own), name
                 rows = len(self.table)
@@ -135,7 +140,12 @@ class Block:
 
     def roles_of_list(self, name: str, own: list[Column]) -> tuple[list[str], str]:
         """The roles of a list's numbers, and whose they are: told by its name, by the
-        name's last word or by its first. None where it is not known.
+        name's last word or by its first, or for any name by how many there are::
+
+            tcp_pos, 3 numbers    x y z, of tcp
+            rvec_robot, 3         rx ry rz, of robot
+            T_base_flange, 16     r11 r12 r13 x … 0 0 0 1, of t_base_flange
+            joints, 6             none: not known
         """
         cells = self.table[[column.at for column in own]]
         has_words = cells.select_dtypes("number").shape != cells.shape
@@ -143,8 +153,9 @@ class Block:
             return [], name
         before, _, last = name.rpartition("_")
         first, _, after = name.partition("_")
-        owners = {name: name, last: before, first: after}  # one word alone: nobody's
-        if not name or len(own) > 2:
+        # by a word, whose numbers they are; of a name that is one word, nobody's
+        owners = {name: name, last: before, first: after}
+        if not name or len(own) > 2:  # two numbers of any name are no x and z
             owners["bare"] = name
         for word, owner in owners.items():
             for roles in ROLES_OF_LIST[word, len(own)]:
@@ -155,7 +166,7 @@ class Block:
     @cached_property
     def poses(self) -> dict[str, "Block"]:
         """The pose of each row, under whose it is: a position, and angles of the same
-        owner, or else of none that has a position.
+        owner, or else of one that has no position.
         """
         if self.kind != "pose":
             return {}
@@ -184,16 +195,18 @@ class Block:
         return [c for role in roles for c in self.others if c.role == role]
 
 
-Files = dict[Path, list[Block]]  # files, and the tables in each
+Files = dict[Path, list[Block]]  # files, and the blocks in each
 
 
 def parts_called(parts: list[Block], entry: str, liked: str, what: str) -> list[Block]:
     """The parts of one name: as the entry says, or else of the robot, and with a word
-    that is liked. Raises Question for several.
+    that is liked, such as flange. Raises Question for several.
     """
 
     def fit(name: str) -> tuple[bool, ...]:
-        """How well a name fits; what counts most stands first."""
+        """How well a name fits; what counts most stands first. An entry that nothing
+        here has is of the other files.
+        """
         text, wish = name.lower(), entry.lower()
         return wish in text, wish == text, not is_of_other(text), liked in text
 

@@ -20,10 +20,10 @@ from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.blocks import Block, Files, counted
 from profilecal_tool.importing.pair_profiles import Times, pair_profiles
 from profilecal_tool.importing.questions import Layout, Question, one_or_ask
-from profilecal_tool.importing.read_file import is_known, tables_in_file
+from profilecal_tool.importing.read_file import blocks_in_file, is_known
 from profilecal_tool.importing.robot_poses import pose_entries, poses_in, robot_poses
 from profilecal_tool.importing.scanner_profiles import (
-    point_tables,
+    points_of_file,
     read_profiles,
     with_a_point_a_row,
 )
@@ -40,7 +40,9 @@ def import_scan(
     folder: str | Path, kind: str, sizes: dict, layout: Layout = NOTHING_SAID
 ) -> tuple[Scan, dict[str, str]]:
     """The scan of a target of these sizes, mm by name, in a folder of files; and what
-    was taken for granted, by option. Raises ScanError; Question where it is uncertain.
+    was taken for granted, by what it is about.
+
+    Raises ScanError; Question where it is uncertain.
     """
     folder, target = Path(folder), {"kind": kind} | sizes
     said = {"title": folder.resolve().name, "mount": layout.mount, "target": target}
@@ -69,7 +71,10 @@ def import_scan(
 
 
 def measured(profiles: Series, taken: dict[str, str]) -> dict[str, Any]:
-    """Entries of a Scan: points, or profiles, of which a point alone is none."""
+    """Entries of a Scan: points; or profiles, which are empty if they have one point.
+
+    What is empty is said of what is missing.
+    """
     counts = profiles.map(len)
     if counts.max() == 1:
         return {"measured": "points", "values": tuple(profiles)}
@@ -109,10 +114,9 @@ def read_folder(
 
 
 def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
-    """The files of a folder by what they are called but for numbers, and by patterns
-    that a user says; in their tables the rows that are wanted, with a point in each.
-
-    Raises ScanError.
+    """The files of a folder by what they are called but for numbers, as scan_*.csv, and
+    by patterns that a user says; with their blocks, of the rows that are wanted, and
+    with a point in each row. Raises ScanError.
     """
     said = [pattern for pattern in (layout.poses, layout.profiles) if pattern]
     paths = {path: name for name in said for path in files_matching(folder, name)}
@@ -122,8 +126,8 @@ def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
                 paths[path] = re.sub(r"\d+", "*", str(path.relative_to(folder)))
     families = {}
     for path, name in watched([*paths.items()], "reading"):
-        tables = tables_in_file(path, layout.encoding)
-        wanted = [with_rows_wanted(table, layout.where) for table in tables]
+        found = blocks_in_file(path, layout.encoding)
+        wanted = [with_rows_wanted(block, layout.where) for block in found]
         blocks = [with_a_point_a_row(block, layout) for block in wanted]
         families.setdefault(name, {})[path] = blocks
     return families
@@ -154,7 +158,14 @@ def which_hold_what(
     folder: Path, families: dict[str, Files], layout: Layout
 ) -> tuple[str, str]:
     """Which files hold the poses, and which the profiles: as a user says, or else by
-    the tables in the first that has some. Raises ScanError, Question.
+    the blocks in the first that has some::
+
+        robot.csv (x, y, z, a, b, c), scan_*.csv (x, z)    robot.csv, scan_*.csv
+        log.csv (tcp_x, …, tcp_c, laser_x, laser_z)        log.csv, log.csv
+        poses.txt (1, …, 6), scan_*.csv (x, z)             poses.txt: one that is
+                                                           not known; to be asked
+
+    Raises ScanError; Question where several may.
     """
     first = {n: next(filter(None, own.values()), []) for n, own in families.items()}
     count = {name: len(families[name]) for name, blocks in first.items() if blocks}
@@ -166,18 +177,18 @@ def which_hold_what(
     others = [name for name in names if name not in poses]
     # those of half as many files are something else, such as a reference
     most = [name for name in others if 2 * count[name] > count[others[0]]]
-    profiles = [name for name in most if point_tables(first[name], layout)]
+    profiles = [name for name in most if points_of_file(first[name], layout)]
     unclear = [name for name in others if name not in profiles]
     poses = poses or unclear[-1:]  # of fewest files
     pose = one_or_ask(folder, poses, "holds the poses", "poses")
     profiles = profiles or [name for name in unclear if name != pose][:1]
-    if not profiles and point_tables(first[pose], layout):
+    if not profiles and points_of_file(first[pose], layout):
         profiles = [pose]
     profile = layout.profiles or one_or_ask(
         folder, profiles, "holds the profiles", "profiles"
     )
     parts = poses_in(first[pose], layout.pose_columns)
-    parts += point_tables(first[profile], layout)
+    parts += points_of_file(first[profile], layout)
     called = {part.called for part in parts}
     if called and not any(layout.entry.lower() in name.lower() for name in called):
         known = f"the entries are {listed(sorted(called))}"

@@ -34,7 +34,8 @@ Loader.add_constructor(
 
 
 def nested_blocks(path: Path, text: str) -> Iterator[Block]:
-    """The tables of JSON and YAML. Raises ScanError."""
+    """The blocks of JSON and YAML. Raises ScanError."""
+    # OpenCV writes "%YAML:1.0" and ".Nan", which are no YAML
     plain = re.sub(r"\A%YAML.*\n", "", text).replace(".Nan", ".nan")
     is_json = path.suffix.lower() == ".json"
     with naming(path):
@@ -45,11 +46,13 @@ def nested_blocks(path: Path, text: str) -> Iterator[Block]:
             words = " ".join(str(error).split())
             raise ScanError(f"{path}: {words}; is the file cut short?") from error
         rows = documents[0] if len(documents) == 1 else documents
-        yield from nested_tables(path, rows)
+        yield from blocks_within(path, rows)
 
 
-def nested_tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:
-    """The tables in a list or a dictionary."""
+def blocks_within(path: Path, node: Any, name: str = "") -> Iterator[Block]:
+    """The blocks in a list or a dictionary: {"pose": {"x": 1}} has a column pose_x; a
+    list of dictionaries within it is a block of its own, whose rows know their place.
+    """
     rows = numbered_rows(node) if isinstance(node, dict) else node
     if not all(isinstance(row, dict) for row in rows):
         rows = [{name: rows}]
@@ -60,15 +63,15 @@ def nested_tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:
         if all(isinstance(cell, dict) for cell in inner):
             if len(table) > 1:
                 inner = [{"nth": k} | row for k, row in inner.items()]
-            yield from nested_tables(path, [*inner], title)
+            yield from blocks_within(path, [*inner], title)
         else:
             arrays[title] = array_of_cells(title, cells)
     yield from array_blocks(path, arrays)
 
 
 def array_of_cells(title: str, cells: Series) -> ndarray:
-    """The cells of a column; lists as further dimensions, with NaN where some end, a
-    long one by itself.
+    """The cells of a column; lists as further dimensions, with NaN where some end:
+    [[1, 2], [3]] is [[1, 2], [3, nan]].
     """
     if not any(isinstance(cell, list) for cell in cells):
         return cells.to_numpy()
@@ -94,7 +97,7 @@ def numbered_rows(node: dict) -> list[dict]:
 
 
 def binary_blocks(path: Path) -> Iterator[Block]:
-    """The tables of a file of arrays. Raises ScanError."""
+    """The blocks of a file of arrays. Raises ScanError."""
     reader = {".mat": matlab_arrays, ".ply": points_of_ply}
     try:
         arrays = reader.get(path.suffix.lower(), numpy_arrays)(path)
@@ -129,7 +132,9 @@ def numpy_arrays(path: Path) -> dict[str, ndarray]:
 
 
 def array_blocks(path: Path, arrays: Mapping[str, ndarray]) -> Iterator[Block]:
-    """Arrays as tables: those of as many rows are one; points of profiles, another."""
+    """Arrays as blocks: those of as many rows are one, such as poses and their times;
+    points of profiles have more rows.
+    """
     alike = defaultdict(dict)
     for name, array in arrays.items():
         if array.ndim and array.size:

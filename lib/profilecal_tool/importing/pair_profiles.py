@@ -94,7 +94,7 @@ def paired_in_order(
 class Match(NamedTuple):
     """Which poses have the labels that profiles have."""
 
-    rank: tuple[bool, float]  # whether by more than one number; how many it serves
+    rank: tuple[bool, float]  # whether by names or several numbers; how many it serves
     rows: ndarray  # (P,) -1: none
     how: str
     title: str
@@ -142,20 +142,20 @@ def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
 def ways_to_compare(
     labels: list[str], names: list[str]
 ) -> Iterator[tuple[bool, str, list, Sequence]]:
-    """Whether it is by more than one number, how, what labels have, what names want:
+    """Whether it is by more than a number, how, what labels have, what names want:
     whole names, without folder and ending, if they are more than numbers; all numbers,
     as in 2_07; or the last number of the labels and each in the names, counted from 0
     and from 1 if all fit only so.
     """
-    wanted = [*map(stem_of, names)]
-    if not "".join(wanted).isdigit():
-        yield True, "names", [*map(stem_of, labels)], wanted
+    stems = [*map(stem_of, names)]
+    if not "".join(stems).isdigit():
+        yield True, "names", [*map(stem_of, labels)], stems
     of_labels, of_names = [*map(numbers_in, labels)], [*map(numbers_in, names)]
     if max(map(len, of_labels)) > 1:
         yield True, "numbers in the names", of_labels, of_names
     last = [numbers[-1] if numbers else None for numbers in of_labels]
     for k, wanted in enumerate(zip(*of_names, strict=False), 1):
-        shift = (0 in wanted) - (0 in last)
+        shift = (0 in wanted) - (0 in last)  # 1: profiles count from 0, poses from 1
         shifted = [one + shift for one in wanted]
         how = f"number {k} in the names"
         if {*shifted} <= {*last} and not {*wanted} <= {*last}:
@@ -183,7 +183,7 @@ def time_said(text: str, unit_s: float) -> float:
             return np.nan
     match = SECONDS.search(text)
     value = round(cell_number(match[0] if match else text) * unit_s, 9)
-    while 1e11 < value < np.inf:  # in ms, or less
+    while 1e11 < value < np.inf:  # s until the year 5138, so these are ms, us or ns
         value /= 1000
     return value
 
@@ -212,6 +212,7 @@ def paired_by_time(poses: Block, times: Times) -> Pairing | None:
     order = np.argsort(times.log, kind="stable")
     t = times.log[order]
     step = np.median(np.diff(t))
+    # moments of the log between which a profile was taken, and the one nearest to it
     after = np.clip(np.searchsorted(t, times.profiles), 1, len(t) - 1)
     nearest = np.searchsorted((t[1:] + t[:-1]) / 2, times.profiles)
     apart = np.abs(t[nearest] - times.profiles)

@@ -20,7 +20,9 @@ SIGNS = {
 
 
 def expression_of(line: str) -> re.Pattern:
-    """The expression for a line of makers.toml."""
+    """The expression for a line of makers.toml, of "P$name=($x," one that finds
+    "P1 = ( 400.5, ", with a group name that is 1 and a group x that is 400.5.
+    """
     line = re.sub(r"\s*([^\w\s$…⋮])\s*", r"\1", line)
     parts = [r"(?<!\w)" if line[0].isalnum() else ""]
     for token in re.findall(r"\$[a-z]\w*|\w+|\s+|.", line):

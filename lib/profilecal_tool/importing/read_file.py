@@ -29,8 +29,8 @@ HEAD = 50  # lines within which numbers begin
 EDGES = " \"'"  # of cells
 
 
-def tables_in_file(path: Path, encoding: str) -> Iterable[Block]:
-    """The tables in a file. Raises ScanError."""
+def blocks_in_file(path: Path, encoding: str) -> Iterable[Block]:
+    """The blocks in a file. Raises ScanError."""
     suffix = path.suffix.lower()
     if suffix in SHEETS:
         return sheet_blocks(path)
@@ -82,7 +82,9 @@ def is_known(path: Path) -> bool:
 
 
 def dialect(text: str) -> tuple[str | None, str]:
-    """What stands between columns (None: spaces), and the decimal mark."""
+    """What stands between columns (None: spaces), and the decimal mark: that of
+    "1;2,5" is a comma, and so it is of "1,5 2,5".
+    """
     rows = [line for line in text.splitlines() if re.search(r"\d", line)]
     most = len(rows) / 2
     mark = next((m for m in ";\t|," if sum(m in row for row in rows) > most), None)
@@ -151,24 +153,25 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     What goes on without titles below a remark or blank lines has those above. Labels
     are text: 1.10 is not 1.1.
 
-    Raises ScanError for a row of another length in a table with titles.
+    Raises ScanError for a row of another length in a table with titles, or below it
+    without what the first column has.
     """
     mark, decimal = dialect(content[:BEGIN].decode(errors="ignore"))
     between = mark and mark.encode()
     stream = BytesIO(content)
-    known, after = [], 0  # titles above, and where their table ends
+    known, after = [], 0  # titles above, and the end of the last table under them
     for begin, end, place in runs_of_lines(path, content, between):
         stream.seek(place)
         lines = islice(stream, min(end - begin, HEAD))
-        rows = [line.strip(MARKS).split(between) for line in lines]
-        rows = [[c.decode(errors="ignore").strip(EDGES) for c in row] for row in rows]
+        cells = [line.strip(MARKS).split(between) for line in lines]
+        rows = [[c.decode(errors="ignore").strip(EDGES) for c in row] for row in cells]
         first = row_where_numbers_begin(rows, decimal)
         if first is None:
             continue
         count, titles = len(rows[0]), titles_in(rows[:first])
         if not titles and count == len(known):
             titles = known
-        elif known and not titles and begin <= after + 1:
+        elif known and not titles and (begin == after or count == len(known) - 1):
             found = f"{count} fields; expected {len(known)}, as above"
             raise ScanError(f"{path} line {begin + 1}: {found}")
         if titles:

@@ -45,6 +45,7 @@ def poses_in(blocks: Iterable[Block], said: str) -> list[Block]:
     titles, found = said.split(","), []
     for block in blocks:
         rows = block.table
+        # matrices below one another, each closed by its last row
         is_matrix = rows.shape[1] == 4 and len(rows) % 4 == 0
         if is_matrix and (rows[3::4] == [0, 0, 0, 1]).all(axis=None):
             table = DataFrame(rows.to_numpy().reshape(-1, 16), rows.index[::4])
@@ -76,14 +77,16 @@ def robot_poses(files: Files, layout: Layout) -> Block:
         raise ScanError(
             f"{first.path.parent}: {called} is called as the inverse: invert or rename"
         )
-    whose = {(column.role, column.owner) for column in first.chosen.values()}
+    placed = [c for c in first.chosen.values() if c.role not in "xz"]
+    whose = {(column.role, column.owner) for column in placed}  # points have x and z
     if any((column.role, column.owner) in whose for column in first.others):
         alike = "which of those called alike?"
         raise question_on_columns(first, alike, first.columns)
     for part in parts:
         if part.titles != first.titles:
-            found = listed(part.titles)
-            raise ScanError(f"{part.path}: columns {found}, where others differ")
+            raise ScanError(
+                f"{part.path}: columns {listed(part.titles)}, where others differ"
+            )
     table = concat([part.table for part in parts])
     return replace(first, path=Path(commonpath(files)), table=table)
 

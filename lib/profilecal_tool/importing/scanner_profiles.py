@@ -112,9 +112,9 @@ def columns_called(block: Block, said: str) -> list[Column]:
     return [one._replace(unit=unit or one.unit) for one, unit in there]
 
 
-def point_tables(blocks: list[Block], layout: Layout) -> list[Block]:
-    """The tables of points in a file that are called alike; none where the largest
-    table is none of points. Raises Question.
+def points_of_file(blocks: list[Block], layout: Layout) -> list[Block]:
+    """The blocks of points in a file that are called alike; none where the largest
+    block is none of points. Raises Question.
     """
     blocks = [block for block in blocks if len(block.table)]
     largest = max(blocks, key=lambda block: block.table.size, default=None)
@@ -136,23 +136,23 @@ def read_profiles(
     is_alone = len(files) == 1
     names, counts, parts = [], [], []
     for path, blocks in files.items():
-        tables = point_tables(blocks, layout)
-        if not tables and any(len(block.table) > 1 for block in blocks):
+        found = points_of_file(blocks, layout)
+        if not found and any(len(block.table) > 1 for block in blocks):
             raise question_on_points(blocks, layout.columns)
-        if len(tables) > 1 and tables[0].is_bare and not is_alone:
+        if len(found) > 1 and found[0].is_bare and not is_alone:
             raise ScanError(
-                f"{path}: {len(tables)} tables: give titles, or no blank lines"
+                f"{path}: {len(found)} tables: give titles, or no blank lines"
             )
-        in_each = 1 if not is_alone else stops if len(tables) == 1 else 0
+        in_each = 1 if not is_alone else stops if len(found) == 1 else 0
         rows = []
-        for points in tables:
+        for points in found:
             profile, own = profile_of_each_row(points, in_each)
             check_one_section(points, profile, layout)
             each = np.bincount(profile)
             names += own or [points.sheet] * len(each)
             rows += [*each]
-        counts += rows if is_alone else [sum(rows)]  # a table may go on
-        parts += tables
+        counts += rows if is_alone else [sum(rows)]  # below blank lines
+        parts += found
     if not parts:
         raise ScanError(f"{path}: no profiles in rows where {layout.where or 'any'}")
     block, columns = parts[0], parts[0].chosen.values()
@@ -171,9 +171,17 @@ def read_profiles(
 
 def profile_of_each_row(block: Block, stops: int) -> tuple[ndarray, list[str]]:
     """The profile of each row, from 0, and what profiles are called, if they are. It is
-    told by a label or a time whose values do not come back, and that counts no points;
-    by a place; by the pose beside it; else by x that begins anew, as often as the robot
-    stops.
+    told by the first of these that the block has::
+
+        label a, a, b, b    0, 0, 1, 1, called a, b: if values do not come back,
+                            and differ not in each row, as numbers of points do
+        time 0, 0, 2, 2     0, 0, 1, 1, called 0, 2: if values do not come back
+        nth 0, 0, 1, 1      0, 0, 1, 1
+        poses P, P, Q, Q    0, 0, 1, 1
+        x 1, 2, 1, 2        0, 0, 1, 1, if the robot stops twice;
+                            0, 1, 2, 3, if it stops four times
+
+    and else all rows are of one.
     """
     rows = len(block.table)
     if stops == 1:
@@ -188,6 +196,8 @@ def profile_of_each_row(block: Block, stops: int) -> tuple[ndarray, list[str]]:
         posed = block.table[[c.at for c in block.columns if c not in block.others]]
         begins = (posed != posed.shift()).any(axis=1)
         return begins.cumsum().to_numpy() - 1, []
+    if rows == stops:
+        return np.arange(rows), []
     x = Series(block.numbers_of("x", blank=True)[:, 0]).ffill().bfill()
     begins = x.diff() * (x.iloc[-1] - x.iloc[0]) < 0
     is_stack = begins.sum() + 1 == stops

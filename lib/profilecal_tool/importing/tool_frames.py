@@ -49,7 +49,7 @@ def of_one_frame(
     used = [name for _, name in uses]
     names = [*dict.fromkeys(used)]
     if not poses.robot:  # a program's first is what the first move has
-        names.sort(key=lambda name: name not in WORDS["no_frame"])
+        names.sort(key=lambda name: name not in WORDS["no_frame"])  # the flange first
     if len(names) > 1:
         several = f"{poses.path}: moves have {which}s {listed(names)}"
         answer = f"{which}={max(names, key=used.count)}"
@@ -109,7 +109,7 @@ def frame_of_tool(
             numbers = tuple(float(row[column]) for column in columns)
             if name == used:
                 frames.add(numbers)
-            if any(numbers[:3]):
+            if any(numbers[:3]):  # a frame that is turned alone is no tool
                 declared.add(name)
     if len(frames) == 1:
         return frames.pop()

@@ -112,11 +112,13 @@ def named_by_the_clock(folder):
         write_table(folder / f"{name}.csv", "x,z", points)
 
 
-def in_one_table(folder):
+OF_POINTS = "tcp_x,tcp_y,tcp_z,tcp_qw,tcp_qx,tcp_qy,tcp_qz,laser_x,laser_z"
+
+
+def in_one_table(folder, titles=OF_POINTS):
     """A row for each point, with its pose."""
     pairs = zip(poses("quaternion"), scan().values, strict=True)
     rows = [[*row, *point] for row, points in pairs for point in points]
-    titles = "tcp_x,tcp_y,tcp_z,tcp_qw,tcp_qx,tcp_qy,tcp_qz,laser_x,laser_z"
     write_table(folder / "log.csv", titles, rows)
 
 
@@ -315,6 +317,11 @@ FOLDERS |= {
         "up to 0 s apart",
     ),
     "points": (in_one_table, nothing, "in order"),
+    "points of nobody": (
+        functools.partial(in_one_table, titles="x,y,z,qw,qx,qy,qz,px,pz"),
+        nothing,
+        "in order",
+    ),
     "rows": (in_rows, nothing, "in order"),
     "JSON": (in_json, nothing, "by file and the names"),
     "a speed": (
@@ -424,6 +431,11 @@ def sheet_with_a_word(folder):
 
 
 SAID = {
+    "a point for each pose": (
+        tum,
+        a_file("points.csv", "x,z\n" + "".join(f"{k},100\n" for k in range(12))),
+        "[0.0, 100.0] to [11.0, 100.0] mm",
+    ),
     "no frame": (
         abb,
         one_each,
