@@ -337,7 +337,7 @@ def surfaces(folder):
         z = text(z).replace("nan", "")
         lines = [
             "Part",
-            "FOV X,FOV Z,Height",
+            "FOV X,FOV Z,FOV Height",
             "9,9,9",
             f"Y\\X,{titles}",
             f"0.0,{z}",

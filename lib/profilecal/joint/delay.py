@@ -42,7 +42,7 @@ def roughly(problem: Problem, starts: Sequence = ()) -> float:
     What counts is Cauchy's loss over the residuals that most profiles have there, and
     the square of the delay over what it may be.
     """
-    few = problem.of(thin(entry, FEW) for entry in problem.observations)
+    few = problem.of(thin(seen, FEW) for seen in problem.observations)
     fits, units = [], []
     for delay in TRIED:
         later = few.later(delay)

@@ -124,7 +124,7 @@ def search(problem: Problem, starts: Sequence = ()) -> State:
 
 def few_poses(problem: Problem, count: int) -> Problem:
     """The problem of about `count` poses of each target, by distances in space."""
-    few = [thin(entry, count) for entry in problem.observations]
+    few = [thin(seen, count) for seen in problem.observations]
     return Problem(few, problem.noise, in_space=True)
 
 
@@ -147,7 +147,7 @@ def search_among_outliers(problem: Problem, found: State) -> State:
     `search` found: rotation k of the grid looks at selection k of groups of poses
     alone, and some of these hold no bad one. The medians of all residuals tell which.
     """
-    selections = [few_groups(entry, len(GRID)) for entry in problem.observations]
+    selections = [few_groups(seen, len(GRID)) for seen in problem.observations]
     subsets = Problem(selections, problem.noise, in_space=True)
     tried = refine(subsets, started(subsets, GRID), iterations=25).state
     few = few_poses(problem, 2 * POSES)

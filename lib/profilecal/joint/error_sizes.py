@@ -319,7 +319,8 @@ def of_scanners(model: LinearModel, law: Law, likely: Likeliest) -> Belief:
     """
     one_poor = np.eye(model.n)[model.may_be_poor]
     all_poor = one_poor.sum(axis=0, keepdims=True)
-    # (B, n) 1 where an error is POORER times the usual; none, first, and all may be one
+    # (B, n) 1 where an error is POORER times the usual: of none, first, of each, and of
+    # all, which is the same where there is one
     poor = np.unique(np.concatenate([0 * all_poor, one_poor, all_poor]), axis=0)
     log_odds = np.log(np.where(poor.any(axis=1), POOR, 1.0))
     at_peak = log_odds + model.rescaled(likely.posterior, POORER**poor)[0][:, 0]
@@ -331,7 +332,8 @@ def of_scanners(model: LinearModel, law: Law, likely: Likeliest) -> Belief:
         likely = likeliest(model, law, likely.y)
     counts = at_peak > at_peak.max() + np.log(LITTLE)
     poor, log_odds = poor[counts], log_odds[counts]
-    # the evidence leaves out log |Π| / 2, which larger errors lower
+    # what the evidence leaves out: log |Π| / 2 is lower by log POORER for each error
+    # that the model now has so large
     log_odds = log_odds - np.log(POORER) * best.sum()
     log_weight, y, posterior = draw(model, law, likely)
     gain, x, V = model.rescaled(posterior, POORER ** (poor - best))

@@ -84,8 +84,8 @@ class Posterior:
     L: ndarray  # (S, m + n + 1, m + n + 1)
     square: ndarray  # (S,) rᵀ P r, the χ² of the residuals
     log_evidence: ndarray  # (S,) of the variances
-    # C of the rows that speak of the flange: of one set of variances, or of the last
-    # ones of several, which serves nobody
+    # C of the rows that speak of the flange; for several sets that of the last ones,
+    # for which nobody asks
     factors: Factors
 
     @cached_property
@@ -305,9 +305,9 @@ class LinearModel:
         return v[-1] * moves @ moves.T
 
     def precisions(self, posterior: Posterior) -> tuple[ndarray, ...]:
-        """Of the rows of each profile kept, for one set of variances: P_ii (b, Q, q,
-        q), X = C⁻¹ [B | A | r] (b, Q, q, m + n + 1) and w = P r (b, Q, q); and β of Z,
-        of the groups.
+        """Of the rows of each profile kept, for one set of variances: P_ii (bundles,
+        size, q, q), X = C⁻¹ [B | A | r] (bundles, size, q, m + n + 1) and w = P r
+        (bundles, size, q), as `Rows` has them; and β of Z, of the groups.
         """
         z, V = posterior.whole
         factors = posterior.factors
@@ -335,10 +335,10 @@ class LinearModel:
         """χ² (profiles,) of the rows of each profile that speak of the flange, by what
         all other profiles kept say of them, for one set of variances.
 
-        Of a profile b that is not kept, r_b + A_b x̂ has the covariance C_bb + A_b V
-        A_bᵀ. Of one that is kept, w_bᵀ P_bb⁻¹ w_b, w = P r: P_bb⁻¹ w_b, of covariance
-        P_bb⁻¹, is the law of a part of a Gaussian of precision P, given the rest of it
-        (Christensen, Pearson and Johnson 1992).
+        Of a profile i that is not kept, r_i + A_i x̂ has the covariance C_ii + A_i V
+        A_iᵀ. Of one that is kept, P_ii⁻¹ w_i has the covariance P_ii⁻¹, w = P r: the
+        law of a part of a Gaussian of precision P, given the rest of it (Christensen,
+        Pearson and Johnson 1992). So its χ² is w_iᵀ P_ii⁻¹ w_i.
         """
         z, V = posterior.whole
         out = np.flatnonzero(~self.kept)

@@ -1,16 +1,16 @@
 """The covariance C of rows that share errors of the flange, by its structure.
 
 C never is written out. Errors of the flange nest: visits in commanded poses, poses in
-orientations. With E_i the rows by which an error moves profile i, and S the variances
-of the error that a group shares, one error after the other is integrated out, from the
-profiles up, and its mean is carried down again.
+orientations. With E_i the rows by which an error moves profile i, and v_g the
+variances of the error that a group shares, one error after the other is integrated out,
+from the profiles up, and its mean is carried down again.
 
-Leaves, with the errors that no other profile shares, of variances S_own:
+Leaves, with the errors that no other profile shares, of variances v_own:
 
-    D_i = v_0 + E_i S_own E_iᵀ = L Lᵀ      W_E, W_Z = L⁻¹ E_i, L⁻¹ Z_i
+    D_i = v_0 + E_i v_own E_iᵀ = L Lᵀ      W_E, W_Z = L⁻¹ E_i, L⁻¹ Z_i
     [J | c] of a group = Σ W_Eᵀ [W_E | W_Z]
 
-Up, for a group with the sum [J | c] of its members, s = √S:
+Up, for a group with the sum [J | c] of its members, s = √v_g:
 
     M = 1 + s J s = L Lᵀ   K = s M⁻¹ s      log |C| = Σ log |D_i| + Σ log |M|
 
@@ -46,27 +46,27 @@ from profilecal.joint.nesting import Level, Nesting, add_up, in_parts
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows of all profiles, in b bundles of Q profiles at most, zeros where there
-    are fewer, and the parts of their D: by the scanner's noise, and by each error that
-    no other profile shares.
+    """The rows of all profiles, in bundles of a `size` at most (`Nesting.bundles`),
+    zeros where there are fewer, and the parts of their D: by the scanner's noise, and
+    by each error that no other profile shares.
     """
 
-    groups: ndarray  # (b,)
-    profiles: ndarray  # (b, Q); -1: none
-    E: ndarray  # (b, Q, q, a)
-    Z: ndarray  # (b, Q, q, columns)
-    parts: ndarray  # (errors, b, Q, q, q)
+    groups: ndarray  # (bundles,)
+    profiles: ndarray  # (bundles, size); -1: none
+    E: ndarray  # (bundles, size, q, a)
+    Z: ndarray  # (bundles, size, q, columns)
+    parts: ndarray  # (errors, bundles, size, q, q)
     errors: list[int]  # their numbers: 0 is the scanner's noise
     nesting: Nesting
     unit_variances: ndarray  # (1 + k, a) for one unit of each of v
 
     def factors(self, v: ndarray) -> "Factors":
         """C for variances v (S, 1 + k)."""
-        count, (bundles, most, q, a) = len(v), self.E.shape
+        count, (bundles, size, q, a) = len(v), self.E.shape
         D = v[:, self.errors] @ self.parts.reshape(len(self.errors), -1)
         root, log_det = inverse_root(D.reshape(count, -1, q, q))
         root = root.reshape(count, *self.parts.shape[1:])
-        W_E = (root @ self.E).reshape(count, bundles, most * q, a)
+        W_E = (root @ self.E).reshape(count, bundles, size * q, a)
         sums = np.zeros((count, self.nesting.count, a, a))
         add_up(sums, self.groups, W_E.mT @ W_E)
         nodes = []
@@ -98,14 +98,14 @@ class Factors:
     """C for S sets of variances: of each profile, and of each level of groups."""
 
     rows: Rows
-    root: ndarray  # (S, b, Q, q, q) L⁻¹ of D
-    W_E: ndarray  # (S, b, Q q, a)
+    root: ndarray  # (S, bundles, size, q, q) L⁻¹ of D
+    W_E: ndarray  # (S, bundles, size q, a)
     nodes: list[Node]  # from coarse to fine
     log_det: ndarray  # (S,) log |C|
 
     def solve(self, Z: ndarray) -> tuple[ndarray, ...]:
-        """For rows Z (b, Q, q, columns): Zᵀ C⁻¹ Z (S, columns, columns), W_Z - W_E b
-        (S, b, Q q, columns), and β (S, groups, a, columns).
+        """For rows Z (bundles, size, q, columns): Zᵀ C⁻¹ Z (S, columns, columns),
+        W_Z - W_E b (S, bundles, size q, columns), and β (S, groups, a, columns).
         """
         *rows, a = self.W_E.shape
         columns = Z.shape[-1]

@@ -40,23 +40,23 @@ class Nesting:
     count: int  # of groups
 
     def bundles(self, kept: ndarray, most: int) -> tuple[ndarray, ndarray]:
-        """The profiles kept (profiles,) in b bundles, for arrays of one shape: each has
-        as many places Q as a group holds profiles on average, but at most `most`; a
-        larger group has several bundles.
+        """The profiles kept (profiles,) in bundles, for arrays of one shape: each has
+        as many places, its size, as a group holds profiles on average, but at most
+        `most`; a larger group has several bundles.
 
-        Returns the group (b,) of each bundle, in rising order, and its profiles (b, Q),
-        -1 where there are fewer.
+        Returns the group (bundles,) of each, in rising order, and its profiles
+        (bundles, size), -1 where there are fewer.
         """
         profiles = np.flatnonzero(kept)
         profiles = profiles[np.argsort(self.holder[profiles], kind="stable")]
         holder = self.holder[profiles]
         groups = np.unique(holder).size
-        Q = min(most, -(-len(holder) // max(1, groups)))  # the mean, rounded up
+        size = min(most, -(-len(holder) // max(1, groups)))  # the mean, rounded up
         # of each in its group: holders are in order
         place = np.arange(len(holder)) - np.searchsorted(holder, holder)
-        firsts = np.flatnonzero(place % Q == 0)
+        firsts = np.flatnonzero(place % size == 0)
         ends = np.append(firsts, len(holder))[1:, None]
-        members = firsts[:, None] + np.arange(Q)
+        members = firsts[:, None] + np.arange(size)
         bundled = np.where(members < ends, profiles.take(members, mode="clip"), -1)
         return holder[firsts], bundled
 

@@ -10,13 +10,13 @@ from profilecal.joint.nested_errors import flat
 
 
 def gradient(model: LinearModel, posterior: Posterior) -> tuple[ndarray, ndarray]:
-    """The derivative (1 + k,) of the log evidence L by the variances, and its average
+    """The derivative (1 + k,) of the log evidence ℓ by the variances, and its average
     information I (Gilmour, Thompson and Cullis 1995). The posterior has to be of one
     set of variances.
 
     As ∂C/∂v_k = M_k, with w = P r = C⁻¹ (r + A x̂) and F the columns M_k w,
 
-        ∂L/∂v_k = -(tr P M_k - wᵀ M_k w) / 2
+        ∂ℓ/∂v_k = -(tr P M_k - wᵀ M_k w) / 2
         I = Fᵀ P F / 2 = (Fᵀ C⁻¹ F - (Aᵀ C⁻¹ F)ᵀ V (Aᵀ C⁻¹ F)) / 2
 
     P is the same where the smooth errors' coefficients count as unknowns: here they do,
@@ -24,7 +24,7 @@ def gradient(model: LinearModel, posterior: Posterior) -> tuple[ndarray, ndarray
     wᵀ M P M w - tr(P M P M) / 2.
     """
     m, v0, rows = model.m, posterior.v[0, 0], model.rows
-    z, V = posterior.whole
+    z, V = posterior.whole  # z = [x̂; 1], with the smooth errors' coefficients first
     # of the rows that speak of the flange
     P, X, w, beta = model.precisions(posterior)
     slope, moves = of_groups(posterior, beta)  # tr P M_k, and then less wᵀ M_k w
