@@ -17,8 +17,8 @@ In reading order: `problem` arranges the residuals of all targets (`residuals`),
 what may be wrong with them (`prior`); `descent` finds the least squares, `delay` at
 which delay of the clocks, `first_fit` for most of the poses. At a state all else is one
 linear Gaussian model (`linear_model`): errors of the robot that profiles share
-(`nesting`) or that vary smoothly with the pose (`smooth`), and what may be wrong at
-every pose alike. How large it all is (`error_sizes`), and which profiles belong to it
-(`rejection`), is found in rounds, of which a `solution` follows (`conclusion`); `solve`
-does all that.
+(`nesting`, `nested_errors`) or that vary smoothly with the pose (`smooth`), and what
+may be wrong at every pose alike. How large it all is (`error_sizes`, by the
+`restricted_likelihood`), and which profiles belong to it (`rejection`), is found in
+rounds, of which a `solution` follows (`conclusion`); `solve` does all that.
 """

@@ -257,8 +257,8 @@ class LinearModel:
         square -= np.sum(L[:, -1, :-1] ** 2, axis=1)
         roots = np.einsum("sii->si", L)[:, :-1]
         log_evidence = -(square + log_det) / 2 - np.log(roots).sum(axis=1)
-        known = products, self.precision, L
-        return Posterior(v, m, *known, square, log_evidence, factors)
+        matrices = products, self.precision, L
+        return Posterior(v, m, *matrices, square, log_evidence, factors)
 
     def rescaled(self, posterior: Posterior, times: ndarray) -> tuple[ndarray, ...]:
         """By how much the log evidence changes, (B, S), and x̂ (B, S, n) and V (B, S, n,
@@ -367,7 +367,7 @@ def linear_model(
     precision: ndarray,
     clock: int | None = None,
     smooth: SmoothErrors | None = None,
-    **known: Any,
+    **beside: Any,
 ) -> LinearModel:
     """The model of all profiles. Of each, over the scanner's noise, with zeros where no
     residual is: the derivatives `by_flange` (profiles, K, 6), mm and rad, the `columns`
@@ -376,7 +376,7 @@ def linear_model(
     `fresh`: the robot's errors, entries of `Noise`, without the `smooth` ones.
     `precision` (n, n): Π. `clock`: the column of A that is the derivative by the time
     of a profile, if any has one: its jitter acts along it, as errors of the flange
-    along E's other columns. `known`: as `LinearModel` has it.
+    along E's other columns. `beside`: as `LinearModel` has it.
     """
     E, Y, rest, ranks = compressed(by_flange, columns)
     if clock is not None:
@@ -399,7 +399,7 @@ def linear_model(
         precision,
         kept=np.ones(len(counts), dtype=bool),
         smooth=smooth,
-        **known,
+        **beside,
     )
 
 

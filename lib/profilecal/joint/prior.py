@@ -371,5 +371,5 @@ def prior_from(stated: dict[str, float], features_mm: float = 0.0) -> Prior:
         **robot,
     )
     source = "profiles" if features_mm else "given" if given_mm else "residuals"
-    known = frozenset(ESTIMATED) & stated.keys()
-    return Prior(scales, known, source, systematic=Systematic(**errors))
+    of_robot = frozenset(ESTIMATED) & stated.keys()
+    return Prior(scales, of_robot, source, systematic=Systematic(**errors))

@@ -152,8 +152,8 @@ class Problem:
 
     def of(self, observations: Iterable[Observations]) -> "Problem":
         """The same problem of other observations of these targets."""
-        known = self.systematic, self.terms[0].in_space, self.mount, self.known_smooth
-        return Problem(observations, self.noise, *known)
+        same = self.systematic, self.terms[0].in_space, self.mount, self.known_smooth
+        return Problem(observations, self.noise, *same)
 
     @cached_property
     def of_equal_points(self) -> "Problem":
@@ -216,9 +216,9 @@ class Problem:
             flat = z.reshape(B, z.shape[1], -1)
             to = np.r_[SENSOR, unknowns, self.n]
             normal[:, to[:, None], to] += flat @ flat.mT
-        known = self.of_mount(state, self.n)
-        normal += known
-        loss += known[:, -1, -1]
+        of_mount = self.of_mount(state, self.n)
+        normal += of_mount
+        loss += of_mount[:, -1, -1]
         if scale is None:
             loss = normal[:, -1, -1]
         return Fit(state, normal, loss, np.concatenate(per_pose, axis=1))
