@@ -21,7 +21,7 @@ from profilecal.calibration.observe import Seen, as_observations
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.observability import brief
 from profilecal.geometry.poses import inverse
-from profilecal.joint.descent import robustly, search, search_among_outliers, thin
+from profilecal.joint.descent import reweighted, search, search_among_outliers, thin
 from profilecal.joint.first_fit import LARGEST_ERROR_MM
 from profilecal.joint.prior import FINEST_MM
 from profilecal.joint.problem import Problem
@@ -84,7 +84,7 @@ def misfit(observations: Observations, widely: bool = False) -> tuple[float, int
     state = search(problem)
     if widely:
         state = search_among_outliers(Problem([observations], problem.noise), state)
-    best = problem.typical(robustly(problem, state, 4))[0]
+    best = problem.typical(reweighted(problem, state, 4))[0]
     best = np.fmin(best, np.inf)  # for NaN
     return float(best * np.sqrt(1 + problem.n / freedom)), freedom
 

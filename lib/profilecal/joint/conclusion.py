@@ -36,7 +36,7 @@ class Estimate:
     state: State  # where it was linearised
     model: LinearModel
     error_sizes: ErrorSizes
-    doubts: list[str]  # sentences on what another round would change
+    against: list[str]  # sentences on what another round would change
 
 
 def conclude(estimated: Estimate, prior: Prior, candidates: State) -> Solution:
@@ -48,7 +48,7 @@ def conclude(estimated: Estimate, prior: Prior, candidates: State) -> Solution:
     status, known, remarks = delay.verdict(solution)
     remarks += explain(known, rotation, problem.poses[0], problem.frame)
     if status != "unobservable":
-        against = twin(solution, candidates) + estimated.doubts
+        against = twin(solution, candidates) + estimated.against
         if against:
             status = "weak"
             remarks += against

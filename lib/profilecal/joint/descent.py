@@ -153,10 +153,10 @@ def search_among_outliers(problem: Problem, found: State) -> State:
     few = few_poses(problem, 2 * POSES)
     state = found.join(tried[np.isfinite(few.moments(tried).loss)])
     likely = np.argsort(few.typical(few.moments(state)))[: 4 * KEPT]
-    return distinct(robustly(few, state[likely], 3).state)
+    return distinct(reweighted(few, state[likely], 3).state)
 
 
-def robustly(problem: Problem, state: State, rounds: int) -> Fit:
+def reweighted(problem: Problem, state: State, rounds: int) -> Fit:
     """Fits by Cauchy's loss, the one with the least residuals of most poses first. Its
     unit is what these are, anew in each of some rounds: each weighs bad poses down
     further.

@@ -12,7 +12,7 @@ from profilecal.joint.descent import (
     ROUGHLY,
     distinct,
     refine,
-    robustly,
+    reweighted,
     search_among_outliers,
 )
 from profilecal.joint.problem import Fit, Problem
@@ -75,7 +75,7 @@ def robust_fit(problem: Problem, state: State) -> Fit:
     """Three fits by Cauchy's loss, best first: those with the least residuals of most
     poses, with the least of these as the unit of all, for their losses to compare.
     """
-    fits = robustly(problem, state, 4)[:3]
+    fits = reweighted(problem, state, 4)[:3]
     scale = np.full_like(fits.loss, problem.typical(fits).min())
     return refine(problem, fits.state, scale=scale, tolerance=ROUGHLY).best_first
 

@@ -118,20 +118,20 @@ class Factors:
         for node in self.nodes[:0:-1]:  # from fine to coarse
             add_up(c, node.level.parents, node.Ms @ c[:, node.level.groups] / node.s)
 
-        b, beta = np.zeros_like(c), c  # which it takes the place of
-        beta[:, 0] = 0.0
+        b = np.zeros_like(c)
+        c[:, 0] = 0.0
         for node in self.nodes:
             groups, above = node.level.groups, np.zeros(1)
             if node is not self.nodes[0]:
                 above = b[:, node.level.parents]
                 c[:, groups] -= node.J @ above
-            beta[:, groups] = node.Ms @ c[:, groups]
-            b[:, groups] = above + node.s * beta[:, groups]
-        products = squares(beta)
+            c[:, groups] = node.Ms @ c[:, groups]  # β, which takes the place of c
+            b[:, groups] = above + node.s * c[:, groups]
+        products = squares(c)
         for part in in_parts(Z):
             W[:, part] -= self.W_E[:, part] @ b[:, self.rows.groups[part]]
             products += squares(W[:, part])
-        return products, W, beta
+        return products, W, c
 
     @cached_property
     def covariances(self) -> ndarray:
