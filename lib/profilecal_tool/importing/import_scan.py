@@ -89,16 +89,10 @@ def read_folder(
 ) -> tuple[Block, Series, list[Block]]:
     """The robot's poses, the profiles, and all that files hold. Raises ScanError."""
     families = families_in(folder, layout)
-    poses_called, profiles_called = which_hold_what(folder, families, layout)
-    of_poses, of_profiles = families[poses_called], families[profiles_called]
+    of_poses, of_profiles = map(families.get, which_hold_what(folder, families, layout))
     every = ChainMap(*families.values())
     beside = [block for blocks in every.values() for block in blocks]
-    columns = [column for block in beside for column in block.others]
-    names = {name for column in columns for name in (column.name, column.role)}
-    names |= {"tool", "base"}
-    if layout.where and layout.where.lower().partition("=")[0] not in names:
-        known = f"the columns are {listed(sorted(names - {''}))}"
-        raise ScanError(f"{folder}: no rows where {layout.where}; {known}")
+    check_where(folder, beside, layout.where)
     programs = {block.path for block in beside if block.robot}
     unused = every.keys() - of_poses.keys() - of_profiles.keys() - programs
     taken["files left out"] = listed(sorted(path.name for path in unused)) or "none"
@@ -154,6 +148,15 @@ def with_rows_wanted(block: Block, where: str) -> Block:
     return block
 
 
+def check_where(folder: Path, blocks: list[Block], where: str) -> None:
+    """Raise ScanError where rows are wanted by a column that no block has."""
+    columns = [column for block in blocks for column in block.others]
+    names = {name for column in columns for name in (column.name, column.role)}
+    if where and where.lower().partition("=")[0] not in {*names, "tool", "base"}:
+        known = f"the columns are {listed(sorted(names - {''}))}"
+        raise ScanError(f"{folder}: no rows where {where}; {known}")
+
+
 def which_hold_what(
     folder: Path, families: dict[str, Files], layout: Layout
 ) -> tuple[str, str]:
@@ -168,24 +171,23 @@ def which_hold_what(
     Raises ScanError; Question where several may.
     """
     first = {n: next(filter(None, own.values()), []) for n, own in families.items()}
-    count = {name: len(families[name]) for name, blocks in first.items() if blocks}
-    names = sorted(count, key=count.get, reverse=True)
+    names = sorted(filter(first.get, first), key=lambda name: -len(families[name]))
     free = [name for name in names if name != layout.profiles]
-    poses = [name for name in free if poses_in(first[name], layout.pose_columns)]
+    posed = [name for name in free if poses_in(first[name], layout.pose_columns)]
     if layout.poses:
-        poses = [layout.poses]
-    others = [name for name in names if name not in poses]
+        posed = [layout.poses]
+    others = [name for name in names if name not in posed]
     # those of half as many files are something else, such as a reference
-    most = [name for name in others if 2 * count[name] > count[others[0]]]
-    profiles = [name for name in most if points_of_file(first[name], layout)]
-    unclear = [name for name in others if name not in profiles]
-    poses = poses or unclear[-1:]  # of fewest files
-    pose = one_or_ask(folder, poses, "holds the poses", "poses")
-    profiles = profiles or [name for name in unclear if name != pose][:1]
-    if not profiles and points_of_file(first[pose], layout):
-        profiles = [pose]
+    most = [n for n in others if 2 * len(families[n]) > len(families[others[0]])]
+    seen = [name for name in most if points_of_file(first[name], layout)]
+    unclear = [name for name in others if name not in seen]
+    posed = posed or unclear[-1:]  # of fewest files
+    pose = one_or_ask(folder, posed, "holds the poses", "poses")
+    seen = seen or [name for name in unclear if name != pose][:1]
+    if not seen and points_of_file(first[pose], layout):
+        seen = [pose]
     profile = layout.profiles or one_or_ask(
-        folder, profiles, "holds the profiles", "profiles"
+        folder, seen, "holds the profiles", "profiles"
     )
     parts = poses_in(first[pose], layout.pose_columns)
     parts += points_of_file(first[profile], layout)
