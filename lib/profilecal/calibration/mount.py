@@ -34,6 +34,8 @@ MISTAKEN = {
     "x and z of the profiles were negated": np.diag([-1.0, 1, -1]),
     "x and z of the profiles were exchanged": np.diag([1.0, -1, 1])[::-1],
 }
+# poses, by the frame that they should be of, or in
+NOT_IN = {"flange": "of a tool", "base": "in a user frame"}
 ORIGIN_MM = 300.0  # makers let z begin at the housing, or in the middle of the range
 NOTHING = 1e4  # mm or rad: as much as nothing is known
 
@@ -53,6 +55,7 @@ def contradiction(solution: Solution, mount: Mount) -> str:
     would explain it; empty where chance does.
     """
     R, T = mount.rotation, mount.translation
+    frame = solution.problem.frame
     offset, shown = shown_by(solution)
     D = shown.directions[shown.sd < 1] / HAND_PRECISION
     beside = solution.covariance_total - solution.covariance
@@ -79,14 +82,14 @@ def contradiction(solution: Solution, mount: Mount) -> str:
         if agrees(R @ turned, T, ORIGIN_MM)
     ]
     if agrees(*inverse(R, T)):
-        causes.append("the guess were of the flange in the sensor's frame")
-    # some frame on the flange explains any difference: this cause is always there
+        causes.append(f"the guess were of the {frame} in the sensor's frame")
+    # some frame explains any difference: this cause is always there
     tool = homogeneous(R, T) @ np.linalg.inv(solution.pose)
     x, y, z = tool[:3, 3]
     w, p, r = Rotation.from_matrix(tool[:3, :3]).as_euler("xyz", degrees=True)
     causes.append(
-        "the poses were of a tool whose frame is at about "
-        f"{x:.0f}, {y:.0f}, {z:.0f} mm and {w:.0f}, {p:.0f}, {r:.0f}° on the flange"
+        f"the poses were {NOT_IN[frame]} whose axes are at about "
+        f"{x:.0f}, {y:.0f}, {z:.0f} mm and {w:.0f}, {p:.0f}, {r:.0f}° in the {frame}'s"
     )
     said = (mount.sd[0], " mm"), (np.degrees(mount.sd[3]), "°")
     good = " and ".join(f"{sd:.3g}{unit}" for sd, unit in said if np.isfinite(sd))

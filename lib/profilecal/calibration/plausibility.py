@@ -19,7 +19,9 @@ from profilecal.geometry.noise import FALSE_ALARM, normalised_square
 from profilecal.geometry.observability import WEAK, brief, of_covariance
 from profilecal.joint.first_fit import LARGEST_ERROR_MM
 from profilecal.joint.prior import OF_SCANNER, Perturbation, of_target
+from profilecal.joint.problem import Problem
 from profilecal.joint.rejection import LARGEST_REJECTED
+from profilecal.joint.smooth import positions
 from profilecal.joint.solution import Solution
 
 # standard deviations that an error moves a pose by, or times what the stated noise
@@ -61,7 +63,8 @@ class Finding:
 
 def systematic_tests(solution: Solution) -> list[Finding]:
     """What might be wrong everywhere, each by itself."""
-    tried = [*OF_SCANNER, *of_target(solution.problem.targets), *robot_patterns()]
+    problem = solution.problem
+    tried = [*OF_SCANNER, *of_target(problem.targets), *robot_patterns(problem)]
     model, posterior = solution.model(tried)
     n, (normal,) = model.n - len(tried), posterior.normal
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -76,14 +79,23 @@ def systematic_tests(solution: Solution) -> list[Finding]:
     ]
 
 
-def robot_patterns() -> list[Perturbation]:
-    """Scales of the positions, drifts."""
+def robot_patterns(problem: Problem) -> list[Perturbation]:
+    """Scales of the positions, drifts.
+
+    Scans share the middle of all: eye-to-hand, that of each would be another sensor's.
+    """
+    places = [
+        positions(seen.R_flange[0], seen.T_flange[0], problem.to_hand)
+        for seen in problem.observations
+    ]
+    off = partial(off_middle, middle=np.concatenate(places).mean(axis=0))
     far, signs = "were too {} by {} %", ("far apart", "close together")
     all_scaled = f"the robot's positions {far}"
-    errors = [Perturbation(all_scaled, 100, signs, positions=off_middle)]
-    drift = "the robot or the target drifted along the base's {} by {} mm"
+    errors = [Perturbation(all_scaled, 100, signs, positions=off)]
+    other = "scanner" if problem.to_hand else "target"
+    drift = f"the robot or the {other} drifted along the base's {{}} by {{}} mm"
     for axis, direction in zip("xyz", np.eye(3), strict=True):
-        scaled = partial(off_middle, along=direction)
+        scaled = partial(off, along=direction)
         drifting = partial(drifted, along=direction)
         scale = f"the robot's positions along the base's {axis} {far}"
         errors += [
@@ -93,11 +105,11 @@ def robot_patterns() -> list[Perturbation]:
     return errors
 
 
-def off_middle(T: ndarray, along: ndarray | float = 1.0) -> ndarray:
-    """Positions (P, 3) from their middle, or the part of that `along` a unit vector of
+def off_middle(T: ndarray, middle: ndarray, along: ndarray | float = 1.0) -> ndarray:
+    """Positions (P, 3) from a middle (3,), or the part of that `along` a unit vector of
     the base.
     """
-    return along * (T - T.mean(axis=0))
+    return along * (T - middle)
 
 
 def drifted(T: ndarray, along: ndarray) -> ndarray:

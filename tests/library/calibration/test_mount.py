@@ -26,8 +26,19 @@ def of_a_tool(scan):
     return replace(scan, p_base_flange=scan.p_base_flange + 180 * z_of_flange)
 
 
+def in_a_user_frame(scan):
+    """The base that poses are in is not the one that the guess is in."""
+    R = rotations(np.radians([10.0, 20.0, 30.0]))
+    return replace(
+        scan,
+        R_base_flange=R @ scan.R_base_flange,
+        p_base_flange=scan.p_base_flange @ R.T + [50, 60, 70],
+    )
+
+
 WRONG = {
-    "the poses were of a tool whose frame is at about ": of_a_tool,
+    "the poses were of a tool whose axes are at about ": of_a_tool,
+    "the poses were in a user frame whose axes are at about ": in_a_user_frame,
     "z of the profiles were negated": lambda scan: with_values(
         scan, lambda rows: rows * [1, -1]
     ),
@@ -42,7 +53,8 @@ WRONG = {
 
 @pytest.mark.parametrize("words", WRONG)
 def test_what_no_residual_shows_is_named_beside_a_guess(words):
-    scan, truth = pc.simulate("edge", seed=3, groups=12, positions=3)
+    mount = "eye-to-hand" if "user frame" in words else "eye-in-hand"
+    scan, truth = pc.simulate("edge", seed=3, groups=12, positions=3, mount=mount)
     wrong, guess = WRONG[words](scan), near(truth.pose, 3)
     silent = pc.calibrate(wrong)
     assert (silent.status, silent.messages) == ("ok", ())
@@ -86,7 +98,7 @@ def test_a_guess_counts_that_only_a_scan_of_two_poses_has():
 
 PARTS = [
     ((np.inf, 8), "z of the profiles were negated", "good to 8°;"),
-    ((15, np.inf), "the poses were of a tool whose frame is at about ", "to 15 mm;"),
+    ((15, np.inf), "the poses were of a tool whose axes are at about ", "to 15 mm;"),
 ]
 
 

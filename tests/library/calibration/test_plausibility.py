@@ -117,6 +117,27 @@ def test_what_is_wrong_everywhere_is_named_and_widens_the_region(
     assert largest_error(found) < 5 or found.status == "weak"
 
 
+@pytest.mark.parametrize(
+    ("change", "status", "sentence"),
+    [
+        (scaled_robot, "weak", "the robot's positions were too far apart by 0.9"),
+        (drifting, "ok", "the robot or the scanner drifted along the base's x by 0.8"),
+    ],
+)
+def test_two_targets_before_one_scanner_do_not_hide_what_the_robot_does(
+    change, status, sentence
+):
+    """On the flange they are 374 mm apart: were the middle of each its own, another
+    place of the scanner would pass for each.
+    """
+    edges = [scan_of("edge", seed=1, scan=k, mount="eye-to-hand") for k in (1, 2)]
+    edges[1] = moved(edges[1], edges[1].R_base_flange @ [-300, 200, -100])
+    assert pc.calibrate(edges).status == "ok"
+    found = pc.calibrate([*map(change, edges)])
+    assert found.status == status
+    assert sentence in found.messages[0]
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_scanner_and_a_target_as_they_may_be_are_allowed_for(kind):
     """Errors of one prior's standard deviation move the answer by more than noise does,

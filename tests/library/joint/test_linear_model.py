@@ -310,7 +310,7 @@ def test_derivatives_by_all_that_may_be_wrong_are_those_of_differences(
     seen = replace(scene.observations, eye_to_hand=eye_to_hand)
     truth = scene.truth
     problem = Problem([seen], Noise(SIGMA))
-    tried = [*OF_SCANNER, *of_target([seen.target]), *robot_patterns()]
+    tried = [*OF_SCANNER, *of_target([seen.target]), *robot_patterns(problem)]
     ((columns,),) = problem.columns_in_mm(truth, tried)
     for column, error in zip(columns[problem.n :], tried, strict=False):
         assert_derivative(column, partial(erring, seen, error), truth)
@@ -333,9 +333,10 @@ def test_derivatives_are_those_where_the_state_has_the_points():
     (term,), (placement,) = Problem([seen], Noise(SIGMA)).terms, scene.truth.placements
     moved = term.on_target(term.linearise(scene.truth, placement)).seen
     there = replace(seen, points=moved.transpose(1, 3, 2, 0))
+    problems = [Problem([one], Noise(SIGMA)) for one in (seen, there)]
     ((noisy,), (exact,)) = (
-        Problem([one], Noise(SIGMA)).columns_in_mm(scene.truth, robot_patterns())
-        for one in (seen, there)
+        problem.columns_in_mm(scene.truth, robot_patterns(problem))
+        for problem in problems
     )
     differ = np.abs(noisy - exact).max(axis=(0, 2, 3)) > 1e-6
     assert np.flatnonzero(differ) == noisy.shape[1] - 7  # the residual alone
