@@ -67,7 +67,8 @@ def few(scan, poses):
         values=tuple(scan.values[k] for k in poses),
         side=scan.side[chosen],
         group=scan.group[chosen],
-        times=np.array([]),
+        times=scan.times[chosen],
+        sweeps=tuple(scan.sweeps[k] for k in poses),
         orientation=None,
     )
 

@@ -1,6 +1,7 @@
 """A sensor pose with its uncertainty, as one calibration hands it to the next step."""
 
 import json
+from collections.abc import Collection
 from dataclasses import dataclass
 from hashlib import sha256
 from itertools import chain
@@ -68,7 +69,7 @@ class Answer:
     # `verify` takes the total
     covariance_mm_deg: ndarray | None = None
     # of the measurements that it is from
-    fingerprints: tuple[str, ...] = ()
+    fingerprints: Collection[str] = ()
 
     def __post_init__(self) -> None:
         rules = {
@@ -94,24 +95,27 @@ def check_covariance(C: ndarray) -> None:
 
 
 def fingerprints(scan: Scan) -> list[str]:
-    """By which each measurement is known again: of its pose, to 0.001 mm, and its
-    values; "" where there are none.
+    """By which the measurements of a scan, or of a part of it, are known again: each
+    by its pose to 0.001 mm, in motion by its time, and its values to 1e-6 mm. Of many
+    those that are first in order, which is by chance, as hashes are.
     """
-    poses = np.dstack([scan.R_base_flange, scan.p_base_flange])
-    rounded = poses.round(3) + 0.0  # not -0
-    prints = []
-    for pose, rows in zip(rounded, scan.values, strict=True):
-        valid = rows[np.isfinite(rows).all(axis=1)]
-        content = sha256(pose.tobytes() + valid.tobytes())
-        prints.append(content.hexdigest()[:12] if len(valid) else "")
-    return prints
+    places = np.dstack([scan.R_base_flange, scan.p_base_flange]).round(3)
+    places[scan.moving] = scan.times[scan.moving, None, None]
+    prints = set()
+    for place, rows in zip(places, scan.values, strict=True):
+        valid = rows[np.isfinite(rows).all(axis=1)].round(6)
+        if len(valid):
+            content = [(part + 0.0).tobytes() for part in (place, valid)]  # not -0
+            prints.add(sha256(b"".join(content)).hexdigest()[:12])
+    return sorted(prints)[:MOST_PRINTS]
 
 
-def sample(scan: Scan) -> list[str]:
-    """The fingerprints by which a scan, or a part of it, is known again; of many those
-    that are first in order, which is by chance, as hashes are.
+def are_the_same(prints: Collection[str], others: Collection[str]) -> bool:
+    """Whether fingerprints are of the same measurements: more than a third of the fewer
+    are among the others. Values that are noted roughly may coincide by chance.
     """
-    return sorted({*fingerprints(scan)} - {""})[:MOST_PRINTS]
+    common = {*prints} & {*others}
+    return 3 * len(common) > min(len(prints), len(others))
 
 
 def read_answer(path: str | Path) -> Answer:
@@ -174,12 +178,12 @@ def check_another(found: Answer, other: Scan | Answer) -> str:
     ScanError for another mount, and for measurements that the answer is from.
     """
     if isinstance(other, Answer):
-        name, prints = "the other answer", {*other.fingerprints}
+        name, prints = "the other answer", other.fingerprints
     else:
-        name, prints = other.title or f"the {other.kind}", {*fingerprints(other)}
+        name, prints = other.title or f"the {other.kind}", fingerprints(other)
     if found.mount != other.mount:
         raise ScanError(f"{name}: the mount is {other.mount}; expected {found.mount}")
-    if prints & {*found.fingerprints}:
+    if are_the_same(prints, found.fingerprints):
         raise ScanError(
             f"{name}: the pose in question is from the same measurements; expected "
             "others"

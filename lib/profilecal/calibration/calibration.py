@@ -16,7 +16,7 @@ import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike
 
-from profilecal.calibration.answer import MM_DEG, Answer, answer_of, sample
+from profilecal.calibration.answer import MM_DEG, Answer, answer_of, fingerprints
 from profilecal.calibration.points import point_sd
 from profilecal.calibration.several_scans import prefixes
 from profilecal.geometry.checks import UnobservableError
@@ -73,7 +73,7 @@ class Calibration:
         return {
             "version": version("profilecal"),
             "time": datetime.now(UTC).isoformat(timespec="seconds"),
-            "scans": [*map(sample, self.scans)],
+            "scans": [*map(fingerprints, self.scans)],
         }
 
     @property

@@ -4,10 +4,11 @@ a sentence on one of them begins with.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
-from profilecal.calibration.answer import fingerprints
+from profilecal.calibration.answer import are_the_same, fingerprints
 from profilecal.calibration.observe import LEAST_POSES, LIKE
 from profilecal.geometry.checks import check_type
 from profilecal.scan.scan import Scan
@@ -32,22 +33,18 @@ def by_scan(scans: Sequence[Scan], sentences: Sequence[Iterable[str]]) -> list[s
 
 
 def check_different(scans: Sequence[Scan]) -> None:
-    """Refuse a measurement that is there twice, by its values and its pose: it would
-    count as a new one.
+    """Refuse measurements that are there twice: they would count as new ones.
 
     Raises ScanError.
     """
-    first_of: dict[str, str] = {}
-    for number, scan in enumerate(scans, 1):
-        title = f"scan {number} ({scan.title or scan.kind})"
-        for label, known in zip(scan.labels, fingerprints(scan), strict=True):
-            name = f"pose {label} of {title}"
-            first = first_of.setdefault(known, name)
-            if known and first != name:
-                raise ScanError(
-                    f"{name} holds the same measurement as {first}; "
-                    "expected each measurement once"
-                )
+    prints = [*map(fingerprints, scans)]
+    for first, second in combinations(range(len(scans)), 2):
+        if are_the_same(prints[first], prints[second]):
+            title = scans[second].title or scans[second].kind
+            raise ScanError(
+                f"scan {second + 1} ({title}) holds the same measurements as scan "
+                f"{first + 1}; expected each measurement once"
+            )
 
 
 def agreed(scans: Sequence[Scan]) -> Entries:

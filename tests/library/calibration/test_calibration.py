@@ -12,6 +12,7 @@ from simulated import (
     ERRING,
     EXACT_SCANNER,
     SCANNER,
+    few,
     scan_of,
     squared_error,
     with_values,
@@ -19,6 +20,7 @@ from simulated import (
 
 import profilecal as pc
 from profilecal.calibration.observe import observe, observe_all
+from profilecal.calibration.several_scans import check_different
 
 
 def test_poses_without_a_measurement_are_left_out_and_named_by_scan():
@@ -91,28 +93,28 @@ def test_a_scan_that_shows_nothing_is_refused():
         pc.calibrate(blind)
 
 
-def test_a_measurement_given_twice_is_refused():
-    scan = scan_of("ball", title="first")
-    labels = tuple(reversed(scan.labels))
-    digits = scan.p_base_flange + 1e-9  # as another convention's digits have it
-    copy = replace(scan, title="a copy", labels=labels, p_base_flange=digits)
-    rows = [*range(len(labels)), 0]
-    first_pose_again = pc.Scan.of(
-        "ball",
-        scan.T_base_flange[rows],
-        arcs=np.concatenate(scan.values)[rows],
-        labels=[*scan.labels, "again"],
-        title="first",
-        **scan.measures,
-    )
-    same = "holds the same measurement as pose g1p1 of scan 1"
-    for scans, which in (
-        ([scan, scan], r"pose g1p1 of scan 2 \(first\)"),
-        ([scan, copy], r"of scan 2 \(a copy\)"),
-        ([first_pose_again], r"pose again of scan 1 \(first\)"),
+def noted_roughly(scan):
+    return with_values(scan, lambda rows: rows.round(2))
+
+
+def test_measurements_given_twice_are_refused_and_what_coincides_by_chance_is_not(
+    tmp_path,
+):
+    for scan in (
+        scan_of("ball", title="first"),
+        scan_of("edge", title="first", motion={"sweeps": 8, "profiles": 20}),
     ):
-        with pytest.raises(pc.ScanError, match=f"{which} {same}"):
-            pc.calibrate(scans)
+        digits = scan.p_base_flange + 1e-9  # as another convention's digits have it
+        copy = replace(scan, title="a copy", delay_ms=30.0, p_base_flange=digits)
+        part = few(copy, [*range(0, len(scan.labels), 3)])
+        pc.write_scan(scan, tmp_path / scan.kind)
+        files = pc.read_scan(tmp_path / scan.kind)
+        for again, title in ((scan, "first"), (part, "a copy"), (files, "first")):
+            same = rf"scan 2 \({title}\) holds the same measurements as scan 1;"
+            with pytest.raises(pc.ScanError, match=same):
+                pc.calibrate([scan, again])
+    scans = [scan_of("edge", seed=1, scan=number, repeats=3) for number in (1, 2)]
+    check_different([*map(noted_roughly, scans)])
 
 
 @pytest.mark.usefixtures("read_rightly")
