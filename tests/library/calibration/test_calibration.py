@@ -112,7 +112,9 @@ def test_measurements_given_twice_are_refused_and_what_coincides_by_chance_is_no
         for again, title in ((scan, "first"), (part, "a copy"), (files, "first")):
             same = rf"scan 2 \({title}\) holds the same measurements as scan 1;"
             with pytest.raises(pc.ScanError, match=same):
-                pc.calibrate([scan, again])
+                check_different([scan, again])
+        with pytest.raises(pc.ScanError, match="the same measurements"):
+            pc.calibrate([scan, scan])
     scans = [scan_of("edge", seed=1, scan=number, repeats=3) for number in (1, 2)]
     check_different([*map(noted_roughly, scans)])
 
