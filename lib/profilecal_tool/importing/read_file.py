@@ -27,6 +27,8 @@ MARKS = b"#% \r\n"  # around titles
 BEGIN = 100_000  # characters that tell what a table is like
 HEAD = 50  # lines within which numbers begin
 EDGES = " \"'"  # of cells
+AS_IT_IS = {"header": None, "index_col": False, "skipinitialspace": True}
+AS_IT_IS |= {"na_values": [*NOTHING, "Invalid", "INVALID", ".Nan", "-"]}
 
 
 def blocks_in_file(path: Path, encoding: str) -> Iterable[Block]:
@@ -119,6 +121,12 @@ def runs_of_lines(
         yield begin, end, start
 
 
+def cells_of(lines: Iterable[bytes], between: bytes | None) -> list[list[str]]:
+    """The text of each cell of lines."""
+    rows = [line.strip(MARKS).split(between) for line in lines]
+    return [[c.decode(errors="ignore").strip(EDGES) for c in row] for row in rows]
+
+
 def row_where_numbers_begin(rows: list[list[str]], decimal: str) -> int | None:
     """The row behind the last of words, None where all are: numbers are several, or
     more than words, or as many as nothing; no word of theirs stands above a number.
@@ -162,9 +170,7 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     known, after = [], 0  # titles above, and the end of the last table under them
     for begin, end, place in runs_of_lines(path, content, between):
         stream.seek(place)
-        lines = islice(stream, min(end - begin, HEAD))
-        cells = [line.strip(MARKS).split(between) for line in lines]
-        rows = [[c.decode(errors="ignore").strip(EDGES) for c in row] for row in cells]
+        rows = cells_of(islice(stream, min(end - begin, HEAD)), between)
         first = row_where_numbers_begin(rows, decimal)
         if first is None:
             continue
@@ -188,10 +194,7 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
             dtype=dict.fromkeys(labels, str),
             skiprows=first,
             nrows=end - begin - first,
-            header=None,
-            index_col=False,
-            skipinitialspace=True,
-            na_values=[*NOTHING, "Invalid", "INVALID", ".Nan", "-"],
+            **AS_IT_IS,
         )
         table.index += begin + first + 1
         yield Block(path, table, titles)

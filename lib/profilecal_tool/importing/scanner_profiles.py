@@ -158,15 +158,21 @@ def read_profiles(
     block, columns = parts[0], parts[0].chosen.values()
     taken["columns"] = ",".join(block.title(column.at) for column in columns)
     xz = np.concatenate([part.numbers_of("xz", blank=True) for part in parts])
-    units = {unit for part in parts for unit in part.units("xz")}
-    is_unsaid = "" in {column.unit for column in columns}
-    if is_unsaid and units - {"mm"} and not layout.unit:
-        unit = max(units)
-        sentence = f"{path}: x or z has no unit, the other {unit}; do both have it?"
-        raise Question(sentence, unit=unit)
+    units = units_of_points(parts, layout)
     xz = in_mm(Path(commonpath(files)), xz, units, layout, taken)
     values = np.split(xz, np.cumsum(counts)[:-1])
     return Series(values, names if is_alone else names_of(files))
+
+
+def units_of_points(parts: list[Block], layout: Layout) -> set[str]:
+    """The units that titles of x and z say. Raises Question where one says none."""
+    units = {unit for part in parts for unit in part.units("xz")}
+    is_unsaid = "" in {column.unit for column in parts[0].chosen.values()}
+    if is_unsaid and units - {"mm"} and not layout.unit:
+        path, unit = parts[0].path, max(units)
+        sentence = f"{path}: x or z has no unit, the other {unit}; do both have it?"
+        raise Question(sentence, unit=unit)
+    return units
 
 
 def profile_of_each_row(block: Block, stops: int) -> tuple[ndarray, list[str]]:
@@ -195,13 +201,13 @@ def profile_of_each_row(block: Block, stops: int) -> tuple[ndarray, list[str]]:
     if block.poses:
         posed = block.table[[c.at for c in block.columns if c not in block.others]]
         begins = (posed != posed.shift()).any(axis=1)
-        return begins.cumsum().to_numpy() - 1, []
-    if rows == stops:
-        return np.arange(rows), []
-    x = Series(block.numbers_of("x", blank=True)[:, 0]).ffill().bfill()
-    begins = x.diff() * (x.iloc[-1] - x.iloc[0]) < 0
-    is_stack = begins.sum() + 1 == stops
-    return (begins & is_stack).cumsum().to_numpy(), []
+    else:
+        x = Series(block.numbers_of("x", blank=True)[:, 0]).ffill().bfill()
+        returns = x.diff() * (x.iloc[-1] - x.iloc[0]) < 0
+        is_stack = returns.sum() + 1 == stops
+        begins = returns & is_stack | (rows == stops)
+    profile = begins.cumsum().to_numpy()
+    return profile - profile[0], []
 
 
 def check_one_section(block: Block, profile: ndarray, layout: Layout) -> None:
