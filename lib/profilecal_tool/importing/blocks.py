@@ -50,7 +50,7 @@ class Block:
     titles: list[str]  # of the columns; 1, 2, … where there are none
     name: str = ""  # what the file calls it
     robot: str = ""  # the maker whose program it is of
-    kind: str = "pose"  # of a program; or "tool", "base", "uses"
+    kind: str = "pose"  # of lines of a program; or "tool", "base", "uses", "moved"
     counted: str = "line"  # what its index counts
     called: str = ""  # what the file calls what is chosen
     chosen: dict[str, Column] = field(default_factory=dict)  # of a pose or point

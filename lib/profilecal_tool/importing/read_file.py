@@ -157,12 +157,9 @@ def titles_in(rows: list[list[str]]) -> list[str]:
 
 
 def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
-    """The tables of a text: runs of lines of as many fields, from where numbers begin.
+    """The blocks of a text: runs of lines of as many fields, from where numbers begin.
     What goes on without titles below a remark or blank lines has those above. Labels
-    are text: 1.10 is not 1.1.
-
-    Raises ScanError for a row of another length in a table with titles, or below it
-    without what the first column has.
+    are text: 1.10 is not 1.1. Raises ScanError for a row that lost a field.
     """
     mark, decimal = dialect(content[:BEGIN].decode(errors="ignore"))
     between = mark and mark.encode()
@@ -201,7 +198,7 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
 
 
 def sheet_blocks(path: Path) -> Iterator[Block]:
-    """The tables of a workbook; in several sheets, blank rows part none.
+    """The blocks of a workbook; in several sheets, blank rows part none.
 
     Raises ScanError.
     """
