@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.distance import cdist
 
 from profilecal.geometry.fitting import fit_circle
+from profilecal.profiles.candidates import AMBIGUOUS
 from profilecal.profiles.points import (
     LARGEST_TOLERANCE,
     Feature,
@@ -170,18 +171,15 @@ def find_arc(profile: ndarray, kind: BallSections | RodSections) -> Feature:
     rows, limit = surface(profile)
     if limit == LARGEST_TOLERANCE:
         return nothing("neighbouring points differ too much to be of one surface")
-    if len(rows) < LEAST_ARC_POINTS:
-        return nothing(f"{len(rows)} points; an arc needs {LEAST_ARC_POINTS}")
     points = profile[rows]
-    circle = best_circle(points, limit, kind.largest * kind.radius)
-    found = circle and refined(circle, points, limit, kind)
-    if not found:
-        return nothing(kind.missing)
+    found = arc_among(points, limit, kind)
+    if isinstance(found, str):
+        return nothing(found)
     curve, on = found
-    reason = why_no_arc(curve, points, on, limit)
-    reason = reason or kind.why_not(curve, points, on, limit)
-    if reason:
-        return nothing(reason)
+    least = max(LEAST_ARC_POINTS, int(AMBIGUOUS * len(on)))
+    other = arc_among(np.delete(points, on, axis=0), limit, kind, least)
+    if not isinstance(other, str):
+        return nothing("two arcs of similar length")
     arc = points[on]
     means, off, covariance = block_means(arc, *curve.off_and_normals(arc))
     # the bend within a block draws its mean inwards
@@ -190,11 +188,36 @@ def find_arc(profile: ndarray, kind: BallSections | RodSections) -> Feature:
     return Feature(means, covariance, rows[on], "arc")
 
 
+def arc_among(
+    points: ndarray,
+    limit: float,
+    kind: BallSections | RodSections,
+    least: int = LEAST_ARC_POINTS,
+) -> tuple[Section, ndarray] | str:
+    """The longest arc of a kind that points (k, 2) show, and which of them are on it,
+    as indices; or, in words, why there is none of at least so many.
+    """
+    if len(points) < least:
+        return f"{len(points)} points; an arc needs {least}"
+    circle = best_circle(points, limit, kind.largest * kind.radius)
+    found = circle and refined(circle, points, limit, kind, least)
+    if not found:
+        return kind.missing
+    curve, on = found
+    reason = why_no_arc(curve, points, on, limit)
+    return reason or kind.why_not(curve, points, on, limit) or found
+
+
 def refined(
-    curve: Section, points: ndarray, limit: float, kind: BallSections | RodSections
+    curve: Section,
+    points: ndarray,
+    limit: float,
+    kind: BallSections | RodSections,
+    least: int,
 ) -> tuple[Section, ndarray] | None:
     """A curve fitted to the longest arc of points (k, 2) on it, until that stays the
-    same, and the arc, as indices; None where it becomes too short or nothing fits.
+    same, and the arc, as indices; None where that has fewer than `least` or nothing
+    fits.
     """
     on = np.zeros(0, dtype=int)
     for _ in range(6):  # two or three are usual
@@ -204,7 +227,7 @@ def refined(
         on = max(stretches(np.flatnonzero(near), 20), key=len)
         if np.array_equal(on, before):
             break
-        if len(on) < LEAST_ARC_POINTS:
+        if len(on) < least:
             return None
         fitted = kind.nearest(points[on], curve)
         if fitted is None:

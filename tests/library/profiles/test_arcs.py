@@ -28,6 +28,21 @@ def test_a_step_is_no_ball():
     assert share_found(features_of("ball", profiles)) == 0
 
 
+@pytest.mark.parametrize(
+    ("kind", "second"), [("ball", 22.0), ("ball", 21.0), ("rod", 22.0)]
+)
+def test_of_two_alike_none_is_taken_by_chance(kind, second):
+    """Of 22 mm, beside a second, above a table."""
+    x = np.linspace(-60, 60, 800)
+    pair = [(-30, 22), (30, second)]
+    heights = [np.sqrt(np.maximum(r**2 - (x - at) ** 2, 0)) for at, r in pair]
+    z = np.where(np.any(heights, axis=0), 120 - np.sum(heights, axis=0), 140)
+    noise = default_rng(0).normal(0, 0.03, (20, 800))
+    profiles = [np.column_stack([x, z + error]) for error in noise]
+    reasons = {feature.reason for feature in features_of(kind, profiles, 22)}
+    assert reasons == {"two arcs of similar length"}
+
+
 def test_spikes_do_not_make_up_the_points_of_an_arc():
     profile = np.c_[np.arange(20.0), np.full(20, 100.0)]
     profile[9, 1] += 5
