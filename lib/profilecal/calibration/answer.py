@@ -41,7 +41,6 @@ class Joint:
     noise_factor: float  # the scanner's noise over what profiles show themselves
     # middle and steps of the robot's smooth errors, as `joint.problem` takes them
     smooth: list | None = None
-    delay_s: float = 0.0  # the robot's clock less the scanner's
 
     def of(self, names: list[str]) -> tuple[ndarray, ndarray]:
         """Mean and covariance of these columns, zero of those that it does not have."""

@@ -359,7 +359,6 @@ def joint_entries(solution: Solution) -> dict[str, Any]:
         ],
         "robot_errors": robot_errors | {"steering_mm": noise.steering_mm},
         "freedom": sizes.freedom,
-        "delay_s": solution.delay_s or 0.0,
         "noise_factor": solution.noise_mm / shown,
     }
 

@@ -157,8 +157,8 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     Raises
     ------
     ScanError
-        For another artefact or mount, a scan that shows none, and an answer that does
-        not hold what it takes.
+        For another artefact or mount, a scan that shows none or that moves by clocks
+        of an unknown delay, and an answer that does not hold what it takes.
     UnobservableError
         For a calibration that leaves the pose open.
     TypeError
@@ -183,6 +183,12 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     if isinstance(found, Calibration):
         found = found.answer
     title = check_another(found, scan)
+    if scan.log and scan.delay_ms is None:
+        raise ScanError(
+            f"{title}: what the clocks of robot and scanner differ by is not stated; "
+            "expected [motion] delay_ms in its scan.toml, or poses at rest; verify "
+            "finds it for itself"
+        )
     joint = found.joint
     if joint is None:
         raise ScanError(
@@ -205,8 +211,6 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     observed = as_observations(scan, seen, seen.typical_mm)
     noise = replace(Noise(**joint.robot_errors), profile_mm=noise_mm)
     problem = Problem([observed], noise, ALL_CONSIDERED, known_smooth=joint.smooth)
-    if scan.delay_ms is None:
-        problem = problem.later(joint.delay_s)
     _, _, origin, axes = joint.targets[alike[0]]
     T, placement = found.pose[None], (np.array([origin]), np.array([axes]))
     state = State(T[:, :3, :3], T[:, :3, 3], (placement,))

@@ -37,6 +37,7 @@ def moved_target(scan, by):
     return replace(scan, p_base_flange=scan.p_base_flange - by)
 
 
+SWEEPS = {"motion": {"sweeps": 12, "profiles": 20}}
 MOUNTED = [*zip(PLANS, cycle(["eye-to-hand", "eye-in-hand"]), strict=False)]
 
 
@@ -102,16 +103,23 @@ def test_what_an_answer_from_few_poses_leaves_open_is_allowed_for():
     assert 0.3 < np.mean(ratios) < 2
 
 
-def test_a_calibration_in_motion_predicts_sweeps_and_stops():
-    """With the delay that it found; jitter that it hardly knows hides no move."""
+@pytest.mark.parametrize(("calibrated", "shift"), [(SWEEPS, 0.5), ({}, 2.0)])
+def test_sweeps_are_predicted_if_their_delay_is_stated(calibrated, shift):
+    """It may be another one than that of the calibration; jitter that it hardly knows
+    hides no move.
+    """
     noise = {"profile_mm": 0.05, "group_position_mm": 0.05, "jitter_ms": 0.1}
-    sweeps = {"motion": {"sweeps": 12, "profiles": 20}}
-    found = pc.calibrate(scan_of("ball", seed=1, noise=noise, **sweeps))
-    for later in (sweeps, {}):
-        scan = scan_of("ball", seed=1, scan=2, noise=noise, **later)
+    found = pc.calibrate(scan_of("ball", seed=1, noise=noise, **calibrated))
+    swept, still = (
+        scan_of("ball", seed=1, scan=2, noise=noise, **later) for later in (SWEEPS, {})
+    )
+    delay_ms = swept.truth["delay_ms"]
+    for scan in (replace(swept, delay_ms=delay_ms), still):
         assert pc.check_mount(found, scan).as_expected
-        shifted = moved_sensor(scan, [0.5, 0, 0])
+        shifted = moved_sensor(scan, [shift, 0, 0])
         assert not pc.check_mount(found, shifted).as_expected
+    with pytest.raises(pc.ScanError, match=r"expected \[motion\] delay_ms in its"):
+        pc.check_mount(found, swept)
 
 
 def test_points_are_judged_by_the_noise_that_they_state():
