@@ -18,6 +18,8 @@ from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from raw_profiles import RADIUS, balls, disks, edges, planes, rods, spoil, tables
 
+import profilecal as pc
+
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "60"))
 EVERYWHERE = np.full((250, 1, 2), np.inf)  # a target that no spoiling leaves alone
 
@@ -52,6 +54,28 @@ def test_points_are_found_and_as_exact_as_stated(name):
     ratio, count = normalised(features, truth)
     assert ratio < 1 + 4 / np.sqrt(count)
     assert ratio > 1 - 4 / np.sqrt(count)
+
+
+# of less usual scanners: their entries, and the share of points that they miss
+SCANNERS = {
+    "large noise": ("edge", {"noise_mm": 0.3}, 0.0),
+    "a wide spot": ("edge", {"resolution": 1.0}, 0.0),
+}
+
+
+@pytest.mark.parametrize("name", SCANNERS)
+def test_points_are_as_exact_as_stated_whatever_the_scanner(name):
+    kind, scanner, missed = SCANNERS[name]
+    plan = {"groups": 50, "positions": 4, "spread_deg": 20, "scanner": scanner}
+    seen, truth = pc.simulate(kind, measured="profiles", **plan)
+    rng = default_rng(1)
+    profiles = [rows[rng.random(len(rows)) >= missed] for rows in seen.values]
+    features = features_of(kind, profiles, 50)
+    assert share_found(features) > 0.95
+    planes = seen.T_base_flange @ truth.pose
+    points = truth.target.meet(planes[:, :3, :3], planes[:, :3, 3])
+    ratio, count = normalised(features, points.reshape(len(planes), -1, 2))
+    assert abs(ratio - 1) < 4 / np.sqrt(count)
 
 
 CURVES = {
