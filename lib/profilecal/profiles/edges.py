@@ -88,8 +88,8 @@ def corners(runs: list[Run], view: View) -> Iterator[Candidate]:
     joined = [k for k, pair in enumerate(pairwise(runs)) if form_corner(*pair)]
     for k in joined:
         first, second = runs[k : k + 2]
-        # as far along a face as the next one is within its limit, and half as far again;
-        # within noise of the apex a point may be of either
+        # as far along a face as the next one is within its limit, and half as far
+        # again; within noise of the apex a point may be of either
         along, off = np.abs([first.direction, first.normal] @ second.direction)
         spoilt = max(BLUNT, first.limit, 1.5 * first.limit * along / off)
         rounded = crossing(first, second)
