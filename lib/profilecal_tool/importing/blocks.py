@@ -51,7 +51,6 @@ class Block:
     name: str = ""  # what the file calls it
     robot: str = ""  # the maker whose program it is of
     kind: str = "pose"  # of lines of a program; or "tool", "base", "uses", "moved"
-    counted: str = "line"  # what its index counts
     called: str = ""  # what the file calls what is chosen
     chosen: dict[str, Column] = field(default_factory=dict)  # of a pose or point
     sheet: str = ""  # that it is of, if there are several
@@ -73,8 +72,7 @@ class Block:
         Raises ScanError.
         """
         cells = {self.title(c.at): self.table[c.at].to_numpy() for c in columns}
-        table = Table(self.path, cells, self.table.index, self.counted)
-        return table.numbers(cells, blank)
+        return Table(self.path, cells, self.table.index).numbers(cells, blank)
 
     def numbers_of(self, roles: Iterable[str], blank: bool = False) -> ndarray:
         """The same of what is chosen."""

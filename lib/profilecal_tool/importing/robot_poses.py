@@ -61,12 +61,11 @@ def poses_in(blocks: Iterable[Block], said: str) -> list[Block]:
 def robot_poses(files: Files, layout: Layout) -> Block:
     """The robot's poses in files. Raises ScanError; Question where it is uncertain."""
     parts = []
-    for (path, blocks), name in zip(files.items(), names_of(files), strict=True):
+    for path, blocks in files.items():
         found = poses_in(blocks, layout.pose_columns)
         if not found:
             raise question_on_file(path, blocks, layout.pose_columns)
-        own = parts_called(found, layout.entry, "flange", "is the robot's pose")
-        parts += [with_file(part, name) for part in own] if len(files) > 1 else own
+        parts += parts_called(found, layout.entry, "flange", "is the robot's pose")
     first = parts[0]
     is_asked_for = layout.entry and layout.entry.lower() in first.called.lower()
     if is_of_other(first.called) and not is_asked_for:
@@ -77,9 +76,7 @@ def robot_poses(files: Files, layout: Layout) -> Block:
         raise ScanError(
             f"{first.path.parent}: {called} is called as the inverse: invert or rename"
         )
-    placed = [c for c in first.chosen.values() if c.role not in "xz"]
-    whose = {(column.role, column.owner) for column in placed}  # points have x and z
-    if any((column.role, column.owner) in whose for column in first.others):
+    if first.chosen["y"].owner in [column.owner for column in first.having("y")]:
         alike = "which of those called alike?"
         raise question_on_columns(first, alike, first.columns)
     for part in parts:
@@ -87,18 +84,22 @@ def robot_poses(files: Files, layout: Layout) -> Block:
             raise ScanError(
                 f"{part.path}: columns {listed(part.titles)}, where others differ"
             )
-    table = concat([part.table for part in parts])
-    return replace(first, path=Path(commonpath(files)), table=table)
+    if len(files) == 1:
+        return replace(first, table=concat([part.table for part in parts]))
+    name_of = dict(zip(files, names_of(files), strict=True))
+    table = concat([with_file(part, name_of[part.path]) for part in parts])
+    titles = [*first.titles, "file"]
+    return replace(first, path=Path(commonpath(files)), table=table, titles=titles)
 
 
-def with_file(poses: Block, name: str) -> Block:
-    """Poses of one file of several, which has this name: a further column says so, and
-    a row stands in a line of it.
+def with_file(poses: Block, name: str) -> DataFrame:
+    """The table of one file of several, with a further column of the file's name; where
+    a row stands says the file too.
     """
-    table, titles = poses.table.copy(), [*poses.titles, "file"]
+    lines = [f"{line} of {poses.path.name}" for line in poses.table.index]
+    table = poses.table.set_axis(lines)
     table[len(poses.titles)] = name
-    table.index = [f"{poses.path.name} line {line}" for line in table.index]
-    return replace(poses, table=table, titles=titles, counted="file")
+    return table
 
 
 def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
@@ -120,8 +121,8 @@ def question_on_columns(
     """
     sentence = f"{block.path}: columns {listed(block.titles)}; {sentence} ({KINDS})"
     numeric = block.table.select_dtypes("number")
-    if block.counted == "file":
-        columns = columns[:-1]  # the last is ours
+    if block.path.is_dir():
+        columns = columns[:-1]  # of several files; the last is ours
     posed = [c for c in columns if c.at in numeric and c.role in {"", *OF_POSES}]
     for kept in (OF_POSES, XYZ):
         known = {c.role: c.at for c in reversed(posed) if c.role in kept}
@@ -222,6 +223,5 @@ def pose_entries(
     low, high = (ends * length).round(1).tolist()
     taken["poses"] = f"{poses.path.name}: {words}: {low} to {high} mm"
     taken["pose_columns"] = f"{', '.join(poses.chosen)}: {turn.meaning}"
-    columns = {"pose": labels} | columns
-    table = Table(poses.path, columns, poses.table.index, poses.counted)
+    table = Table(poses.path, {"pose": labels} | columns, poses.table.index)
     return check_poses(table, length)

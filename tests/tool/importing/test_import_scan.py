@@ -558,7 +558,7 @@ SAID = {
         people.matrices("pose{}.txt"),
         one_each,
         a_file("pose5.txt", "1 0 0 nan\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"),
-        "file pose5.txt line 1: column 4 is empty",
+        "line 1 of pose5.txt: column 4 is empty",
     ),
     "fewer": (
         tum,
