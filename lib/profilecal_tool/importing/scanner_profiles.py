@@ -166,13 +166,12 @@ def read_profiles(
 
 def units_of_points(parts: list[Block], layout: Layout) -> set[str]:
     """The units that titles of x and z say. Raises Question where one says none."""
-    units = {unit for part in parts for unit in part.units("xz")}
-    is_unsaid = "" in {column.unit for column in parts[0].chosen.values()}
-    if is_unsaid and units - {"mm"} and not layout.unit:
+    units = {column.unit for part in parts for column in part.chosen.values()}
+    if "" in units and units - {"", "mm"} and not layout.unit:
         path, unit = parts[0].path, max(units)
         sentence = f"{path}: x or z has no unit, the other {unit}; do both have it?"
         raise Question(sentence, unit=unit)
-    return units
+    return units - {""}
 
 
 def profile_of_each_row(block: Block, stops: int) -> tuple[ndarray, list[str]]:
