@@ -236,7 +236,7 @@ def mount_check_lines(check: MountCheck, kind: str) -> Lines:
 
 def moves(check: MountCheck, kind: str) -> Lines:
     """Which moves would explain what was seen, and how well."""
-    if check.suspects:
+    if "sensor" in check.suspects:
         sizes, sds = check.alone_mm_deg
         k = np.argmax(np.abs(sizes / sds))
         way = " mm along" if k < 3 else "° about"

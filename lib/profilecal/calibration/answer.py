@@ -4,14 +4,17 @@ import json
 from collections.abc import Collection
 from dataclasses import dataclass
 from hashlib import sha256
+from inspect import signature
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy import ndarray
+from numpy.typing import ArrayLike
 
 from profilecal.geometry.checks import check_array, check_rigid
+from profilecal.geometry.noise import Noise
 from profilecal.scan.scan import MOUNTS, Scan
 from profilecal.scan.tables import ScanError, naming
 from profilecal.scan.toml import check_entries, number, one_of
@@ -41,6 +44,19 @@ class Joint:
     noise_factor: float  # the scanner's noise over what profiles show themselves
     # middle and steps of the robot's smooth errors, as `joint.problem` takes them
     smooth: list | None = None
+
+    def __post_init__(self) -> None:
+        n = len(self.columns)
+        check_array("mean", self.mean, (n,))
+        check_array("covariance", self.covariance, (n, n))
+        sizes = (
+            self.freedom,
+            self.noise_factor,
+            *vars(Noise(**self.robot_errors)).values(),
+        )
+        check_array("sizes", sizes, (None,))
+        for _, _, *frame in self.targets:
+            check_array("frame", np.vstack(frame), (4, 3))
 
     def of(self, names: list[str]) -> tuple[ndarray, ndarray]:
         """Mean and covariance of these columns, zero of those that it does not have."""
@@ -78,19 +94,23 @@ class Answer:
         }
         check_entries("Answer", {name: vars(self)[name] for name in rules}, rules)
         with naming("Answer"):
-            check_array("the sensor pose", self.pose, (4, 4))
-            check_rigid("the sensor pose", self.pose[None])
-            check_covariance(self.covariance_total_mm_deg)
+            pose = check_array("the sensor pose", self.pose, (4, 4))
+            check_rigid("the sensor pose", pose[None])
+            total = check_covariance(self.covariance_total_mm_deg)
+            vars(self).update(pose=pose, covariance_total_mm_deg=total)
             if self.covariance_mm_deg is not None:
-                check_covariance(self.covariance_mm_deg)
+                near = check_covariance(self.covariance_mm_deg)
+                vars(self)["covariance_mm_deg"] = near
 
 
-def check_covariance(C: ndarray) -> None:
-    """Raises ValueError for what is no covariance (6, 6)."""
-    values = np.linalg.eigvalsh(check_array("its covariance", C, (6, 6)))
-    is_positive = values[0] >= -1e-9 * values[-1] and values[-1] > 0
+def check_covariance(values: ArrayLike) -> ndarray:
+    """A covariance (6, 6). Raises ValueError for what is none."""
+    C = check_array("its covariance", values, (6, 6))
+    squares = np.linalg.eigvalsh(C)
+    is_positive = squares[0] >= -1e-9 * squares[-1] and squares[-1] > 0
     if not np.allclose(C, C.T) or not is_positive:
         raise ValueError("holds no covariance; expected a symmetric, positive matrix")
+    return C
 
 
 def fingerprints(scan: Scan) -> list[str]:
@@ -148,7 +168,7 @@ def read_answer(path: str | Path) -> Answer:
     except ScanError as error:
         sentence = str(error).removeprefix("Answer: ").replace("[0]", "")
         raise ScanError(f"{path}: {sentence}") from error
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise ScanError(f"{path}: {EXPECTED}") from error
 
 
@@ -158,18 +178,28 @@ def answer_of(entries: dict[str, Any]) -> Answer:
     """
     mount = "eye-to-hand" if "T_base_sensor" in entries else "eye-in-hand"
     rows = entries[f"T_{MOUNTS[mount]}_sensor"]
-    near = entries.get("covariance")
     made = entries.get("made") or {}
     return Answer(
         pose=np.asarray([*rows], dtype=float),  # null has no rows
-        covariance_total_mm_deg=np.asarray(entries["covariance_total"], dtype=float),
+        covariance_total_mm_deg=entries["covariance_total"],
         noise_mm=float(entries["noise_mm"]),
         mount=mount,
         status=entries["status"],
-        joint=Joint(**entries["joint"]) if entries.get("joint") else None,
-        covariance_mm_deg=near and np.asarray(near, dtype=float),
+        joint=joint_of(entries.get("joint")),
+        covariance_mm_deg=entries.get("covariance"),
         fingerprints=tuple(chain(*made.get("scans", ()))),
     )
+
+
+def joint_of(entries: Any) -> Joint | None:
+    """What a file says of all that was found; None where it is from a version that
+    says something else.
+    """
+    try:
+        known = entries.keys() & signature(Joint).parameters
+        return Joint(**{name: entries[name] for name in known})
+    except (ValueError, TypeError, AttributeError):
+        return None
 
 
 def check_another(found: Answer, other: Scan | Answer) -> str:

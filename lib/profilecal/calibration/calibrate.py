@@ -146,7 +146,7 @@ def believed(
             both = with_mount(observed, prior, mount, starts)
         if both:
             solution, misread = both, False
-        elif solution.status != "unobservable":
+        else:
             objections = [contradiction(solution, mount)]
     objections = [*filter(None, objections), *other_sides(scans, seen, solution)]
     if solution.status == "ok" and objections:
@@ -190,11 +190,10 @@ def mount_of(
         guess = guess.as_matrix()
     T = check_array("guess", guess, (4, 4))
     check_rigid("guess", T[None])
-    check_array("guess_sd", guess_sd, (2,), finite=False)
-    if not min(guess_sd) > 0:
+    sd = check_array("guess_sd", guess_sd, (2,), finite=False)
+    if not (sd > 0).all():
         raise ValueError(f"guess_sd is {guess_sd}; expected mm and degrees above 0")
-    sd = np.repeat([guess_sd[0], np.radians(guess_sd[1])], 3)
-    return Mount(T[:3, :3], T[:3, 3], sd)
+    return Mount(T[:3, :3], T[:3, 3], np.repeat([sd[0], np.radians(sd[1])], 3))
 
 
 def other_sides(

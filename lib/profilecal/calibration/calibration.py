@@ -274,12 +274,13 @@ class Calibration:
             "poses_rejected": self.poses_rejected,
             "observability": solution and observability_entries(solution, self.frame),
             "method": "joint",
-            "target": solution and target_entries(solution),
+            "target": known and target_entries(self.solution),
             "messages": self.messages,
             "joint": known and joint_entries(self.solution),
+            **dict.fromkeys(("delay_ms", "delay_sd_ms", "delay_source")),
         }
         if solution and solution.delay_s is not None:
-            given = any(scan.delay_ms is not None for scan in self.scans)
+            given = any(one.delay_ms is not None for one in self.scans if one.log)
             entries |= {
                 "delay_ms": 1e3 * solution.delay_s,
                 "delay_sd_ms": 1e3 * solution.delay_sd_s,

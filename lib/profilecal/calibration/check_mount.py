@@ -6,6 +6,7 @@ and of the artefact since, where the mean and the covariance that the calibratio
 are all that is known of the other unknowns.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -195,12 +196,13 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
             "the answer holds no prediction of other poses; calibrate anew with "
             "profilecal calibrate SCAN --json > T.json"
         )
-    kinds = [(kind, [*sizes]) for kind, sizes, *_ in joint.targets]
-    alike = [k for k, one in enumerate(kinds) if one == (scan.kind, [*scan.sizes])]
+    known = [in_words(kind, sizes) for kind, sizes, *_ in joint.targets]
+    own = in_words(scan.kind, scan.sizes)
+    alike = [k for k, one in enumerate(known) if one == own]
     if len(alike) != 1:
         raise ScanError(
-            f"{title}: its {scan.description} is {len(alike) or 'none'} of the "
-            f"calibration's targets ({', '.join(kind for kind, _ in kinds)}); "
+            f"{title}: its {own} is {len(alike) or 'none'} of the calibration's "
+            f"targets ({', '.join(known)}); "
             "expected one; verify takes any target"
         )
     seen = observe(scan, 1)
@@ -222,6 +224,11 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
         moves=moves_after(model, noise, *joint.of(names), problem.units),
         freedom=joint.freedom,
     )
+
+
+def in_words(kind: str, sizes: Iterable[float]) -> str:
+    """A target with its lengths."""
+    return " ".join([kind, *(f"{mm:g} mm" for mm in sizes)])
 
 
 def moves_after(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy import ndarray
 from scipy.linalg import block_diag
 
+from profilecal.calibration.doubts import doubts
 from profilecal.profiles.ends import FEW
 from profilecal.profiles.points import Feature
 from profilecal.scan.scan import MEASURED, Scan
@@ -64,7 +65,9 @@ def observe(scan: Scan, least: int = 0, others: Sequence[Scan] = ()) -> Seen:
             f"{title}: {counts} show the target ({scan.description}); "
             f"expected {least} or more"
         )
-        raise ScanError(shorten("; ".join([sentence, *seen.remarks]), 600))
+        raise ScanError(
+            shorten("; ".join([sentence, *doubts(scan), *seen.remarks]), 600)
+        )
     return seen
 
 
@@ -135,7 +138,7 @@ def left_out(labels: Sequence[str], reasons: Sequence[str]) -> tuple[str, ...]:
 
 def from_table(scan: Scan) -> Seen:
     """The points, chords or arcs that a scan holds."""
-    found = [len(row) == 1 and np.isfinite(row).all() for row in scan.values]
+    found = [len(row) == 1 and 0 < abs(row).max() < np.inf for row in scan.values]
     poses = np.flatnonzero(found)
     shape = -1, len(MEASURED[scan.measured])
     rows = np.reshape([scan.values[i] for i in poses], shape)

@@ -17,7 +17,7 @@ from scipy.special import ndtri
 from profilecal.calibration.evidence import evidence
 from profilecal.geometry.noise import FALSE_ALARM, normalised_square
 from profilecal.geometry.observability import WEAK, brief, of_covariance
-from profilecal.joint.first_fit import LARGEST_ERROR_MM
+from profilecal.joint.first_fit import largest_error_mm
 from profilecal.joint.prior import OF_SCANNER, Perturbation, of_target
 from profilecal.joint.problem import Problem
 from profilecal.joint.rejection import LARGEST_REJECTED
@@ -159,10 +159,8 @@ def contradictions(solution: Solution) -> tuple[list[str], bool]:
             f"the residuals are {brief(misfit)} times what the stated noise explains; "
             f"{ADVICE}"
         )
-    noise, scales = solution.noise, solution.prior.scales
-    stated = 3 * max(noise.steering_mm, scales.position_mm, scales.group_position_mm)
-    error_mm = max(solution.rms_mm, noise.position_mm)
-    are_large = error_mm > max(LARGEST_ERROR_MM, stated)
+    error_mm = max(solution.rms_mm, solution.noise.position_mm)
+    are_large = error_mm > largest_error_mm(solution.prior.scales)
     if are_large:
         messages.append(
             f"the data contradict each other by {brief(error_mm)} mm, "

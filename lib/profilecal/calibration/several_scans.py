@@ -55,19 +55,25 @@ def agreed(scans: Sequence[Scan]) -> Entries:
     """
     if not scans:
         raise ScanError("no scans given; expected at least one")
-    stated: Entries = {}
     for scan in scans:
         check_type("scans", scan, Scan)
-        delay = {"delay_ms": scan.delay_ms} if scan.log else {}
-        for name, value in {"mount": scan.mount, **scan.noise, **delay}.items():
+    fitted = any(scan.measured in ("arcs", "profiles") for scan in scans)
+    stated: Entries = {}
+    for scan in scans:
+        own: Entries = {"mount": scan.mount, **scan.noise}
+        if scan.log:
+            own["delay_ms"] = scan.delay_ms
+        if scan.guess is not None:
+            own["guess"] = scan.guess[:3].round(3).tolist()
+        if fitted:
+            own.pop("profile_mm", None)
+        for name, value in own.items():
             first = stated.setdefault(name, value)
             if first != value:
                 raise ScanError(
                     f"{name} is {first} in one scan and {value} in another; "
                     "expected one"
                 )
-    if any(scan.measured in ("arcs", "profiles") for scan in scans):
-        stated.pop("profile_mm", None)
     return stated
 
 

@@ -161,7 +161,21 @@ def verify(
         own = other.covariance_mm_deg
         if own is None:
             own = other.covariance_total_mm_deg
-        return Verification(difference(T, other.pose), stated, own / MM_DEG, other)
+        checked = Verification(difference(T, other.pose), stated, own / MM_DEG, other)
+    else:
+        checked = against(T, stated, other, title)
+    if not len(checked.apart):
+        raise ScanError(
+            f"{title}: determines no direction of the sensor's pose; "
+            "expected poses that differ"
+        )
+    return checked
+
+
+def against(T: ndarray, stated: ndarray, other: Scan, title: str) -> Verification:
+    """How far a scan's own answer is from a sensor pose T (4, 4) of such a covariance.
+    Raises ScanError for a scan of too few poses.
+    """
     alone = calibrate(other, T, NEAR)
     shown = len(alone.seen[0])
     if shown < FEWEST_POSES:
@@ -171,7 +185,7 @@ def verify(
         )
     solution, (used,) = alone.solution, alone.observed
     target, points, _ = target_by(T, used.keep(solution.kept[0]))
-    checked = Verification(
+    return Verification(
         difference(T, solution.pose),
         stated,
         solution.covariance,
@@ -179,12 +193,6 @@ def verify(
         dict(zip(other.measures, map(float, target.measures), strict=True)),
         float(np.sqrt(np.mean(target.distance(points) ** 2))),
     )
-    if not len(checked.apart):
-        raise ScanError(
-            f"{title}: determines no direction of the sensor's pose; "
-            "expected poses that differ"
-        )
-    return checked
 
 
 def target_by(T: ndarray, observed: Observations) -> tuple[Target, ndarray, ndarray]:

@@ -5,7 +5,7 @@ errors: by least squares, or by Cauchy's loss where bad poses spoil that.
 import numpy as np
 from numpy import ndarray
 
-from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
+from profilecal.geometry.noise import FALSE_ALARM, Noise, chi2_limit
 from profilecal.geometry.observability import spectrum
 from profilecal.joint.descent import (
     HOPELESS,
@@ -18,7 +18,7 @@ from profilecal.joint.descent import (
 from profilecal.joint.problem import Fit, Problem
 from profilecal.targets.observations import State
 
-LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake
+LARGEST_ERROR_MM = 2.0  # of a robot's position that nothing is stated of
 MANY = 0.1  # of the poses: if more contradict a robust fit, it is searched for anew
 
 
@@ -88,7 +88,13 @@ def is_beyond_robots(problem: Problem, fits: Fit, scale: float) -> bool:
     known = spectrum(fits.normal[0, :-1, :-1], problem.units)
     # ten times worse than measured by hand
     is_open = known.rank < problem.n or known.sd[0] * scale > 10
-    return bool(is_open or typical_mm(problem, fits) > LARGEST_ERROR_MM)
+    return bool(is_open or typical_mm(problem, fits) > largest_error_mm(problem.noise))
+
+
+def largest_error_mm(noise: Noise) -> float:
+    """Of a robot's position, by what is believed of it; what is larger is a mistake."""
+    sizes = noise.steering_mm, noise.position_mm, noise.group_position_mm
+    return max(LARGEST_ERROR_MM, 3 * max(sizes))
 
 
 def typical_mm(problem: Problem, fits: Fit) -> float:

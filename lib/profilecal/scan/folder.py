@@ -167,7 +167,7 @@ def check_header(path: Path, said: Entries) -> tuple[Entries, float]:
         entries["guess"] = mount_pose(guess["mount"], path)
     return entries | {
         "kind": kind,
-        "sizes": tuple(target[name] * scale for name in lengths),
+        "sizes": tuple(round(target[name] * scale, 9) for name in lengths),
         "side": float(target.get("side", 0)),
         "delay_ms": said.get("motion", {}).get("delay_ms"),
         "guess_sd": (

@@ -20,7 +20,7 @@ from simulated import (
 
 import profilecal as pc
 from profilecal.calibration.observe import observe, observe_all
-from profilecal.calibration.several_scans import check_different
+from profilecal.calibration.several_scans import agreed, check_different
 
 
 def test_poses_without_a_measurement_are_left_out_and_named_by_scan():
@@ -71,6 +71,7 @@ def test_where_the_view_ends_few_profiles_know_by_another_scan():
 
 def test_scans_that_do_not_belong_together_are_refused():
     scan = scan_of("edge", motion={"sweeps": 3, "profiles": 5})
+    guessed = replace(scan, guess=np.diag([1.0, -1, -1, 1]))
     for entries, sentence in (
         ({"mount": "eye-to-hand"}, "mount is eye-in-hand in one scan and eye-to-hand"),
         (
@@ -78,19 +79,48 @@ def test_scans_that_do_not_belong_together_are_refused():
             r"profile_mm is 0\.05 in one scan and 0",
         ),
         ({"delay_ms": 3.0}, "delay_ms is None in one scan"),
+        ({"guess": np.eye(4)}, r"guess is \[.* in one scan and \["),
     ):
         with pytest.raises(pc.ScanError, match=sentence):
-            pc.calibrate([scan, replace(scan, **entries)])
+            pc.calibrate([guessed, replace(guessed, **entries)])
+    arcs = scan_of("ball", noise={"profile_mm": 0.5})  # theirs is to be estimated
+    assert agreed([arcs, scan]) == {"mount": "eye-in-hand", "delay_ms": None}
 
 
-def test_a_scan_that_shows_nothing_is_refused():
-    blind = with_values(scan_of("edge", seed=1), lambda rows: rows[:0])
+def test_what_is_unknown_is_null_and_a_delay_at_rest_is_none():
+    printed = pc.calibrate(scan_of("edge", seed=1, spread_deg=0.0)).to_json()
+    names = "T_flange_sensor", "target", "delay_ms", "delay_sd_ms", "delay_source"
+    assert [printed[name] for name in names] == [None] * 5
+    moving = scan_of("edge", seed=1, motion={"sweeps": 8, "profiles": 20})
+    still = replace(scan_of("ball", seed=1), delay_ms=5.0)
+    printed = pc.calibrate([moving, still]).to_json()
+    assert printed["delay_source"] == "estimated"
+    assert abs(printed["delay_ms"] - 30) < 5 * printed["delay_sd_ms"]
+
+
+NOTHING = {  # by what there is of each measurement
+    "no row": lambda rows: rows[:0],
+    "zeros": np.zeros_like,
+    "a hole": lambda rows: rows * [1, np.nan],
+}
+
+
+@pytest.mark.parametrize("blank", NOTHING)
+def test_a_scan_that_shows_nothing_is_refused(blank):
+    blind = with_values(scan_of("edge", seed=1), NOTHING[blank])
     sentence = (
         r"0 of 250 poses show the target \(edge\); expected 3 or more; "
         "250 poses left out, no point: g1p1"
     )
     with pytest.raises(pc.ScanError, match=sentence):
         pc.calibrate(blind)
+
+
+def test_a_scan_that_shows_nothing_because_its_columns_are_swapped_says_so():
+    scan = scan_of("edge", seed=1, measured="profiles", groups=9, positions=2)
+    swapped = with_values(scan, lambda rows: rows[:, ::-1])
+    with pytest.raises(pc.ScanError, match="are their columns swapped"):
+        pc.calibrate(swapped)
 
 
 def noted_roughly(scan):

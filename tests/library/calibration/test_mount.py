@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from simulated import few, squared_error, with_values
 
 import profilecal as pc
-from profilecal.geometry.poses import rotations
+from profilecal.geometry.poses import homogeneous, rotations
 
 
 def near(pose, seed, sd_mm=15.0, sd_deg=8.0):
@@ -96,6 +96,16 @@ def test_a_guess_counts_that_only_a_scan_of_two_poses_has():
     assert len(found.scans) == 1
 
 
+def test_a_guess_is_held_against_what_a_scan_determines_of_the_pose():
+    """One orientation leaves translations open; the turns are known."""
+    scan, truth = pc.simulate("ball", seed=1, spread_deg=0.0)
+    turned = truth.pose @ homogeneous(rotations(np.radians([0.0, 0, 40])), np.zeros(3))
+    found = pc.calibrate(scan, turned)
+    assert found.status == "unobservable"
+    assert found.misread
+    assert "from the guess, which is said to be good to" in found.messages[0]
+
+
 PARTS = [
     ((np.inf, 8), "z of the profiles were negated", "good to 8°;"),
     ((15, np.inf), "the poses were of a tool whose axes are at about ", "to 15 mm;"),
@@ -121,6 +131,7 @@ def test_how_good_a_guess_is_counts_whoever_has_the_guess():
     for guess, sd, sentence in (
         (None, (0.5, 8), "but no guess is given"),
         (off, (0.0, 8.0), "expected mm and degrees above 0"),
+        (off, (15.0, np.nan), "expected mm and degrees above 0"),
     ):
         with pytest.raises(ValueError, match=sentence):
             pc.calibrate(scan, guess, sd)

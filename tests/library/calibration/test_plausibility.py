@@ -171,6 +171,13 @@ def test_contradictions_are_no_robot_errors():
     assert re.search(advice, said(found))
 
 
+def test_errors_as_large_as_they_are_stated_contradict_nothing():
+    noise = {"profile_mm": 0.05, "position_mm": 3.0, "orientation_deg": 0.01}
+    found = pc.calibrate(scan_of("edge", seed=1, noise=noise))
+    assert (found.status, found.misread) == ("weak", False)
+    assert "is poorly determined" in found.messages[0]
+
+
 def test_many_rejected_poses_are_doubted():
     scan = example("ball")
     positions = moved_at_random(scan, 5.0, seed=2).p_base_flange

@@ -15,6 +15,7 @@ from simulated import (
 )
 
 import profilecal as pc
+from profilecal.calibration.answer import answer_of as answer_of_entries
 
 pytestmark = pytest.mark.usefixtures("read_rightly")
 ERRING = {"position_mm": 0.05, "orientation_deg": 0.01}
@@ -45,6 +46,7 @@ def answer_of(calibration, mm=(0, 0, 0), deg=(0, 0, 0)):
         ({"pose": np.diag([2, 2, 2, 1])}, "not orthonormal"),
         ({"pose": np.eye(4) + np.eye(4, k=-3)}, "last row"),
         ({"covariance_total_mm_deg": -np.eye(6)}, "Answer: holds no covariance"),
+        ({"covariance_total_mm_deg": None}, r"its covariance has shape \(\)"),
         ({"mount": "hand"}, "Answer: mount is 'hand'; expected eye-in-hand or"),
     ],
 )
@@ -53,6 +55,12 @@ def test_an_answer_made_by_hand_is_checked(change, sentence):
     right |= {"noise_mm": 0.05, "mount": "eye-in-hand"}
     with pytest.raises(pc.ScanError, match=sentence):
         pc.Answer(**right | change)
+
+
+def test_an_answer_of_lists_is_one_of_arrays():
+    pose, square = np.eye(4).tolist(), np.eye(6).tolist()
+    answer = pc.Answer(pose, square, 0.05, "eye-in-hand", covariance_mm_deg=square)
+    assert pc.verify(answer, answer).chance == 1
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
@@ -81,8 +89,12 @@ def test_what_cannot_be_compared_is_refused():
     refused("the mount is eye-to-hand; expected eye-in-hand", found, to_hand)
     refused("the other answer: the pose in question is from the same", found, found)
     scan, truth = pc.simulate("ball", groups=1, positions=1, repeats=6)
-    known = pc.Answer(truth.pose, np.diag(np.full(6, 1e-4)), 0.05, scan.mount)
-    refused("determines no direction of the sensor's pose", known, scan)
+    known, vague = (
+        pc.Answer(truth.pose, np.diag(np.full(6, square)), 0.05, scan.mount)
+        for square in (1e-4, 1e6)
+    )
+    for other in (scan, vague):
+        refused("determines no direction of the sensor's pose", known, other)
 
 
 def test_an_answer_knows_its_own_scan_again_and_old_files_are_read(tmp_path):
@@ -103,8 +115,31 @@ def test_an_answer_knows_its_own_scan_again_and_old_files_are_read(tmp_path):
     bad = tmp_path / "bad.json"
     bad.write_text(json.dumps(entries | {"covariance": [1.0]}))
     refused(r"its covariance has shape \(1,\)", bad, asked=pc.read_answer)
-    bad.write_text(json.dumps(entries | {"made": [1]}))
-    refused("not what `profilecal", bad, asked=pc.read_answer)
+    for text in (json.dumps(entries | {"made": [1]}), 100_000 * "["):
+        bad.write_text(text)
+        refused("not what `profilecal", bad, asked=pc.read_answer)
+
+
+OF_ANOTHER_VERSION = {  # entries of what was found
+    "freedom": None,
+    "mean": [0.0],
+    "covariance": [[1.0]],
+    "robot_errors": {"wobble_mm": 1.0},
+    "targets": [["plane", [], [0, 0, 0], [1, 0, 0]]],
+}
+
+
+@pytest.mark.parametrize("name", OF_ANOTHER_VERSION)
+def test_a_file_of_another_version_verifies_and_predicts_nothing(name):
+    found = calibration_of("edge", seed=0, **SMALL)
+    printed = found.to_json()
+    more = printed["joint"] | {"another": 1}
+    assert answer_of_entries(printed | {"joint": more}).joint is not None
+    del more[name]
+    for joint in (more, printed["joint"] | {name: OF_ANOTHER_VERSION[name]}):
+        answer = answer_of_entries(printed | {"joint": joint})
+        assert answer.joint is None
+        assert pc.verify(found, answer).as_expected
 
 
 @pytest.mark.parametrize("kind", ["edge", "plane"])

@@ -109,10 +109,12 @@ def test_metres_and_millimetres_are_the_same_scan(folder):
         tabulated("poses.csv", in_metres("x", "y", "z")),
         tabulated("arcs.csv", in_metres("x", "z", "r")),
         edited("scan.toml", 'units = "mm"', 'units = "m"'),
-        edited("scan.toml", "radius = 40.0", "radius = 0.04\nside = -1"),
+        edited("scan.toml", "radius = 40.0", "radius = 0.0203\nside = -1"),
     ):
         change(folder)
-    assert_same(pc.read_scan(folder), replace(scan, side=np.array(-1)))
+    again = pc.read_scan(folder)
+    assert_same(again, replace(scan, side=np.array(-1), sizes=(20.3,)))
+    assert again.sizes == (20.3,)  # not 20.299999999999997
 
 
 def test_the_example_of_all_entries_leaves_none_out_and_says_what_is_usual():
