@@ -86,8 +86,8 @@ class End:
     point: ndarray  # (2,) mm
     spacing: ndarray  # (2,) mm, from a point of the run to the next one, outwards
     # how often the step's two sides alternate there: gaps among the run's last points,
-    # in which rows show its other side
-    overlaps: int
+    # in which rows show its other side, less those that are usual along the run
+    overlaps: float
     # points of the step's side wall between one and two thresholds from the run's line
     wall: int
     variance: float  # of where a row is along the run, in points²
@@ -149,7 +149,8 @@ def run_end(run: Run) -> End:
     clear = len(rows) - spoilt
     place, spacing, variance = end_at(from_end[:clear], along[:clear])
     point = run.point + place * run.direction
-    overlaps = is_gap[1 - zone :].sum()
+    usual = is_gap[: 1 - zone].mean()
+    overlaps = is_gap[1 - zone :].sum() - (zone - 1) * usual
     return End(point, spacing * run.direction, overlaps, wall, variance)
 
 
@@ -170,14 +171,24 @@ def numbered(rows: ndarray, along: ndarray) -> tuple[ndarray, ndarray]:
 def end_at(number: ndarray, along: ndarray) -> tuple[float, float, float]:
     """Where the point of number 0 would be, how far from the one before it, mm, and the
     variance of that place, in points².
+
+    Where points are missing at random, the others stray from an even pace, the farther
+    the more steps they are apart: then the last one tells more than the curve.
     """
     last = 6 * ZONE  # so many that the rounding of their coordinates averages out
     degree = 2 if len(number) > ZONE else 1  # fewer points show no bend
     number, along = number[-last:], along[-last:]
     curve, covariance = np.polyfit(number, along, degree, cov=True)
+    place, variance = curve[-1], covariance[-1, -1]
     spacing = max(curve[-2], 1e-3)
-    variance = covariance[-1, -1] / spacing**2
-    return curve[-1], spacing, variance
+
+    pace = np.ptp(along) / np.ptp(number)
+    even = along - pace * number
+    ahead = int(np.clip(-number[-1], 1, len(even) // 2))
+    over_one, over_all = (np.var(even[k:] - even[:-k]) for k in (1, ahead))
+    if over_all > max(variance, 1.5 * over_one):
+        place, variance = even[-1], over_all
+    return place, spacing, variance / spacing**2
 
 
 def end_variance(ends: list[End]) -> float:

@@ -60,6 +60,7 @@ def test_points_are_found_and_as_exact_as_stated(name):
 SCANNERS = {
     "large noise": ("edge", {"noise_mm": 0.3}, 0.0),
     "a wide spot": ("edge", {"resolution": 1.0}, 0.0),
+    "a fifth missing": ("disk", {}, 0.2),
 }
 
 
