@@ -23,7 +23,7 @@ from profilecal.calibration.several_scans import (
     with_few_joined,
 )
 from profilecal.geometry.checks import UnobservableError, check_array, check_rigid
-from profilecal.geometry.poses import Frames, carry
+from profilecal.geometry.poses import carry
 from profilecal.joint.prior import Mount, Prior, prior_from
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import solve
@@ -97,29 +97,24 @@ def calibrate(
     prior = replace(prior_from(stated, features_mm), mount=mount)
     remarks += by_scan(scans, [entry.remarks for entry in seen])
     questions = by_scan(scans, [doubts(scan) for scan in scans])
+    notes, poses = (*remarks, *questions), tuple(entry.poses for entry in seen)
     try:
-        solution, misread = believed(scans, seen, observed, prior)
-        observed, messages = tuple(solution.problem.observations), solution.messages
+        solution, objections = believed(scans, seen, observed, prior)
     except UnobservableError as error:
-        solution, misread, messages = None, False, (str(error),)
-    if solution and questions and solution.status == "ok":
-        solution = replace(solution, status="weak")
-    readings = []
-    if not solution or solution.status != "ok":
-        delay_ms = 1e3 * (solution.delay_s or 0.0) if solution else 0.0
+        return Calibration(scans, poses, observed, messages=(*notes, str(error)))
+    observed = tuple(solution.problem.observations)  # by the delay that was found
+    status, readings = solution.status, []
+    if status == "ok" and questions:
+        status = "weak"
+    if status != "ok":
+        delay_ms = 1e3 * (solution.delay_s or 0.0)
         at_rest = [scan.at_rest(delay_ms) for scan in scans]
         readings = by_scan(scans, [*map(better_readings, at_rest, seen)])
+    messages = (*notes, *objections, *solution.messages)
     if readings:  # what the files look like as they were read is beside the point
-        messages, misread = (), True
-        solution = solution and replace(solution, status="unobservable")
-    return Calibration(
-        scans=scans,
-        seen=tuple(entry.poses for entry in seen),
-        observed=observed,
-        solution_or_none=solution,
-        messages=(*readings, *remarks, *questions, *messages),
-        misread=misread,
-    )
+        status, messages = "unobservable", (*readings, *notes)
+    misread = bool(readings or objections)
+    return Calibration(scans, poses, observed, status, solution, messages, misread)
 
 
 def believed(
@@ -127,45 +122,27 @@ def believed(
     seen: Sequence[Seen],
     observed: Sequence[Observations],
     prior: Prior,
-) -> tuple[Solution, bool]:
-    """The joint solution with the status and the messages that its residuals, the
-    stated sides and what is known of the mount leave it, and whether it is misread:
-    whether these contradict each other.
+) -> tuple[Solution, list[str]]:
+    """The joint solution with the status that its residuals, the stated sides and what
+    is known of the mount leave it, and sentences on what contradicts it.
 
     It is the solution by the scans alone; where that is not "ok", the one by scans and
-    mount, if they agree. Raises UnobservableError where measurements are fewer than
-    unknowns.
+    mount, if they agree, with sentences on what rests on the mount. Raises
+    UnobservableError where measurements are fewer than unknowns.
     """
-    mount, objections = prior.mount, []
+    mount = prior.mount
     starts = [(mount.rotation, mount.translation)] if mount else []
     alone = solve(observed, replace(prior, mount=None), starts=starts)
-    solution, misread = plausibility.check(alone)
-    if mount:
-        both = None
-        if solution.status != "ok":
-            both = with_mount(observed, prior, mount, starts)
-        if both:
-            solution, misread = both, False
-        else:
-            objections = [contradiction(solution, mount)]
-    objections = [*filter(None, objections), *other_sides(scans, seen, solution)]
-    if solution.status == "ok" and objections:
+    solution, objections = plausibility.check(alone)
+    if mount and solution.status != "ok":
+        both, against = plausibility.check(solve(observed, prior, starts=starts))
+        if not (against or contradiction(both, mount)):
+            messages = (*rests_on(both, mount), *both.messages)
+            solution, objections = replace(both, messages=messages), []
+    others = [*contradiction(solution, mount), *other_sides(scans, seen, solution)]
+    if others and solution.status == "ok":
         solution = replace(solution, status="weak")
-    messages = (*objections, *solution.messages)
-    return replace(solution, messages=messages), misread or bool(objections)
-
-
-def with_mount(
-    observed: Sequence[Observations], prior: Prior, mount: Mount, starts: list[Frames]
-) -> Solution | None:
-    """The solution by scans and mount, with sentences on what rests on the mount; None
-    where these contradict each other.
-    """
-    solution, misread = plausibility.check(solve(observed, prior, starts=starts))
-    if misread or contradiction(solution, mount):
-        return None
-    messages = (*rests_on(solution, mount), *solution.messages)
-    return replace(solution, messages=messages)
+    return solution, others + objections
 
 
 def mount_of(
@@ -178,12 +155,11 @@ def mount_of(
     for scan in scans:
         if guess is None and scan.guess is not None:
             guess, own_sd = scan.guess, scan.guess_sd
-    if guess_sd is None:
-        guess_sd = own_sd
-    elif guess is None:
-        raise ValueError(f"guess_sd is {guess_sd}, but no guess is given")
     if guess is None:
+        if guess_sd is not None:
+            raise ValueError(f"guess_sd is {guess_sd}, but no guess is given")
         return None
+    guess_sd = own_sd if guess_sd is None else guess_sd
     if isinstance(guess, Scan):
         raise TypeError("guess is a Scan; expected several scans as one list")
     if isinstance(guess, RigidTransform):

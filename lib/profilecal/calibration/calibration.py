@@ -50,17 +50,14 @@ class Calibration:
     # for each scan, indices of the poses from which the target was found
     seen: tuple[ndarray, ...]
     observed: tuple[Observations, ...]  # for each scan, what was seen from them
+    # "ok", "weak" (solved, but not to be relied on) or "unobservable"
+    status: str = "unobservable"
     # None where measurements are fewer than unknowns
     solution_or_none: Solution | None = None
     messages: tuple[str, ...] = ()  # sentences a person can act on
     # the data contradict what is stated, as `messages` say; more poses would not help.
     # It may be so where the status is "ok": the covariance then allows for it
     misread: bool = False
-
-    @property
-    def status(self) -> str:
-        """ "ok", "weak" (solved, but not to be relied on) or "unobservable"."""
-        return self.solution_or_none.status if self.solution_or_none else "unobservable"
 
     @property
     def is_known(self) -> bool:

@@ -50,10 +50,12 @@ def shown_by(solution: Solution) -> tuple[ndarray, Spectrum]:
     return posterior.mean[0, :6], of_covariance(covariance)
 
 
-def contradiction(solution: Solution, mount: Mount) -> str:
+def contradiction(solution: Solution, mount: Mount | None) -> list[str]:
     """A sentence on how a solution contradicts what is known of the mount, and on what
-    would explain it; empty where chance does.
+    would explain it; none where chance does.
     """
+    if mount is None:
+        return []
     R, T = mount.rotation, mount.translation
     frame = solution.problem.frame
     offset, shown = shown_by(solution)
@@ -74,7 +76,7 @@ def contradiction(solution: Solution, mount: Mount) -> str:
         return not chdtrc(len(D), square) < FALSE_ALARM  # NaN where there are none
 
     if agrees(R, T):
-        return ""
+        return []
     shift, turn = off(R, T).reshape(2, 3)
     causes = [
         words.format(shift[2])
@@ -93,12 +95,12 @@ def contradiction(solution: Solution, mount: Mount) -> str:
     )
     said = (mount.sd[0], " mm"), (np.degrees(mount.sd[3]), "°")
     good = " and ".join(f"{sd:.3g}{unit}" for sd, unit in said if np.isfinite(sd))
-    return (
+    return [
         f"the answer lies {np.linalg.norm(shift):.3g} mm and "
         f"{np.degrees(np.linalg.norm(turn)):.3g}° from the guess, "
         f"which is said to be good to {good}; "
         f"it looks as if {', or as if '.join(causes)}; no residual can tell"
-    )
+    ]
 
 
 def rests_on(solution: Solution, mount: Mount) -> list[str]:

@@ -117,17 +117,15 @@ def drifted(T: ndarray, along: ndarray) -> ndarray:
     return np.outer(np.linspace(0, 1, len(T)), along)
 
 
-def check(solution: Solution) -> tuple[Solution, bool]:
-    """The solution with the status, covariance and messages that its residuals leave,
-    and whether it is misread: whether they speak against it, which more poses would
-    not mend.
+def check(solution: Solution) -> tuple[Solution, list[str]]:
+    """The solution with the status and the covariance that its residuals leave, and
+    sentences on what in them speaks against it, which more poses would not mend.
     """
     objections, are_large = contradictions(solution)
     if are_large:
         solution = replace(solution, status="unobservable")
     if solution.status == "unobservable":
-        messages = (*solution.messages, *objections)
-        return replace(solution, messages=messages), bool(objections)
+        return solution, objections
     C, before = solution.covariance, solution.observability
     guilty = clear_findings(systematic_tests(solution))
     enlarged = C + sum(
@@ -137,15 +135,12 @@ def check(solution: Solution) -> tuple[Solution, bool]:
     far = [one.not_allowed_for * normalised_square(C, one.moves) for one in guilty]
     if objections or observability.sd[0] > WEAK or max(far, default=0.0) > MUCH**2:
         solution = replace(solution, status="weak")
-    # what poses to add, as the solution says, does not mend a contradiction
-    against = objections + ([accusation(guilty)] if guilty else [])
-    believed = replace(
-        solution,
-        covariance=enlarged,
-        observability=observability,
-        messages=tuple(against or solution.messages),
-    )
-    return believed, bool(against)
+    if guilty:
+        objections.append(accusation(guilty))
+    if objections:  # what poses to add, as the solution says, does not mend them
+        solution = replace(solution, messages=())
+    checked = replace(solution, covariance=enlarged, observability=observability)
+    return checked, objections
 
 
 def contradictions(solution: Solution) -> tuple[list[str], bool]:
