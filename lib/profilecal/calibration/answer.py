@@ -1,11 +1,11 @@
 """A sensor pose with its uncertainty, as one calibration hands it to the next step."""
 
 import json
-from collections.abc import Collection
+from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from inspect import signature
-from itertools import chain
+from itertools import product, starmap
 from pathlib import Path
 from typing import Any
 
@@ -83,8 +83,8 @@ class Answer:
     # (6, 6) near the poses of its scans, without what no residual shows; left out,
     # `verify` takes the total
     covariance_mm_deg: ndarray | None = None
-    # of the measurements that it is from
-    fingerprints: Collection[str] = ()
+    # of the measurements of each scan that it is from
+    fingerprints: Sequence[Sequence[str]] = ()
 
     def __post_init__(self) -> None:
         rules = {
@@ -120,21 +120,25 @@ def fingerprints(scan: Scan) -> list[str]:
     """
     places = np.dstack([scan.R_base_flange, scan.p_base_flange]).round(3)
     places[scan.moving] = scan.times[scan.moving, None, None]
-    prints = set()
+    prints = []
     for place, rows in zip(places, scan.values, strict=True):
         valid = rows[np.isfinite(rows).all(axis=1)].round(6)
         if len(valid):
             content = [(part + 0.0).tobytes() for part in (place, valid)]  # not -0
-            prints.add(sha256(b"".join(content)).hexdigest()[:12])
+            prints.append(sha256(b"".join(content)).hexdigest()[:12])
     return sorted(prints)[:MOST_PRINTS]
 
 
-def are_the_same(prints: Collection[str], others: Collection[str]) -> bool:
+def are_the_same(prints: Sequence[str], others: Sequence[str]) -> bool:
     """Whether fingerprints are of the same measurements: more than a third of the fewer
     are among the others. Values that are noted roughly may coincide by chance.
+
+    Where only the first of many are known, none behind the last of these count.
     """
-    common = {*prints} & {*others}
-    return 3 * len(common) > min(len(prints), len(others))
+    both = prints, others
+    last = min((own[-1] for own in both if len(own) == MOST_PRINTS), default="g")
+    some = [{one for one in own if one <= last} for own in both]
+    return 3 * len(set.intersection(*some)) > min(map(len, some))
 
 
 def read_answer(path: str | Path) -> Answer:
@@ -187,7 +191,7 @@ def answer_of(entries: dict[str, Any]) -> Answer:
         status=entries["status"],
         joint=joint_of(entries.get("joint")),
         covariance_mm_deg=entries.get("covariance"),
-        fingerprints=tuple(chain(*made.get("scans", ()))),
+        fingerprints=made.get("scans", ()),
     )
 
 
@@ -209,10 +213,10 @@ def check_another(found: Answer, other: Scan | Answer) -> str:
     if isinstance(other, Answer):
         name, prints = "the other answer", other.fingerprints
     else:
-        name, prints = other.title or f"the {other.kind}", fingerprints(other)
+        name, prints = other.title or f"the {other.kind}", [fingerprints(other)]
     if found.mount != other.mount:
         raise ScanError(f"{name}: the mount is {other.mount}; expected {found.mount}")
-    if are_the_same(prints, found.fingerprints):
+    if any(starmap(are_the_same, product(prints, found.fingerprints))):
         raise ScanError(
             f"{name}: the pose in question is from the same measurements; expected "
             "others"

@@ -38,6 +38,9 @@ def check_different(scans: Sequence[Scan]) -> None:
     Raises ScanError.
     """
     prints = [*map(fingerprints, scans)]
+    for number, own in enumerate(prints, 1):
+        if 3 * (len(own) - len({*own})) > len(own):
+            raise ScanError(f"scan {number} holds measurements twice; expected once")
     for first, second in combinations(range(len(scans)), 2):
         if are_the_same(prints[first], prints[second]):
             title = scans[second].title or scans[second].kind

@@ -19,6 +19,7 @@ from simulated import (
 )
 
 import profilecal as pc
+from profilecal.calibration.answer import MOST_PRINTS, are_the_same
 from profilecal.calibration.observe import observe, observe_all
 from profilecal.calibration.several_scans import agreed, check_different
 
@@ -145,8 +146,24 @@ def test_measurements_given_twice_are_refused_and_what_coincides_by_chance_is_no
                 check_different([scan, again])
         with pytest.raises(pc.ScanError, match="the same measurements"):
             pc.calibrate([scan, scan])
+    once = scan_of("ball")
+    poses, arcs = (
+        np.tile(once.T_base_flange, (2, 1, 1)),
+        np.concatenate(once.values * 2),
+    )
+    with pytest.raises(pc.ScanError, match="scan 1 holds measurements twice"):
+        pc.calibrate(pc.Scan.of("ball", poses, arcs=arcs, radius=25))
     scans = [scan_of("edge", seed=1, scan=number, repeats=3) for number in (1, 2)]
     check_different([*map(noted_roughly, scans)])
+
+
+def test_a_part_of_a_large_scan_is_known_by_its_sample():
+    large = [f"{number:012x}" for number in range(0, 10_000 * 7, 7)]
+    part, other = large[::100], [f"{number:012x}" for number in range(1, 7_000, 70)]
+    sample = large[:MOST_PRINTS]
+    assert are_the_same(sample, part)
+    assert are_the_same(part, sample)
+    assert not are_the_same(sample, other)
 
 
 @pytest.mark.usefixtures("read_rightly")
