@@ -150,9 +150,12 @@ def solve_edge(
 
     smooth = smoothed(T, points, present) if regression else points
     found = edge_equations(R, T, smooth, present)
-    strength = rotation_strength(R, T, points, found.rotation, present)
+    noise = estimate_noise(T, points, present)
+    if np.isnan(noise):
+        noise = scatter_about_line(found.p_b[present])
+    strength = rotation_strength(noise, R, T, points, found.rotation, present)
     rank = found.translation.rank
-    if strength < REFUSED or rank < 3:
+    if not strength >= REFUSED or rank < 3:  # true for NaN
         raise UnobservableError(
             "the motions leave the pose open: the smallest singular value of A_r is "
             f"{strength:.2g} times what noise makes of a zero, {REFUSED:g} "
@@ -360,17 +363,26 @@ def estimate_noise(T_b: ndarray, p_s: ndarray, present: ArrayLike = True) -> nda
     return np.sqrt(squares / np.where(freedom > 0, freedom, np.nan))
 
 
+def scatter_about_line(p_b: ndarray) -> ndarray:
+    """The same from how the edge's points (n, 3) in the base frame scatter about a
+    line: it and the pose have ten unknowns. NaN for five points or fewer.
+    """
+    freedom = 2 * len(p_b) - 10
+    _, *across = np.linalg.svd(p_b - p_b.mean(axis=0), compute_uv=False)
+    return np.hypot(*across) / np.sqrt(freedom if freedom > 0 else np.nan)
+
+
 def rotation_strength(
+    noise: ArrayLike,
     R_b: ndarray,
     T_b: ndarray,
     p_s: ndarray,
     rotation: EdgeRotation,
     present: ArrayLike = True,
 ) -> ndarray:
-    """Smallest singular value of A_r over what noise, estimated from the data, makes of
-    a zero, (...): 0 where A_r lacks rank, else NaN where the noise cannot be estimated.
+    """Smallest singular value of A_r over what noise (...), mm, makes of a zero, (...):
+    0 where A_r lacks rank.
     """
     gain = noise_gain(rotation.V[..., -1], R_b, T_b, p_s, present)
-    from_noise = estimate_noise(T_b, p_s, present) * gain
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(rotation.rank < 9, 0, rotation.S[..., -1] / from_noise)
+        return np.where(rotation.rank < 9, 0, rotation.S[..., -1] / (noise * gain))

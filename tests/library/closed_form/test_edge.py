@@ -93,7 +93,8 @@ def test_over_many_scenes_the_detector_neither_misses_nor_cries_wolf():
     def strengths(plan):
         scene = edge_scenes(plan, Noise(0.05), rng, (500,))
         found = edge_equations(*data(scene))
-        return edge.rotation_strength(*data(scene), found.rotation)
+        noise = edge.estimate_noise(scene.poses.positions, scene.points)
+        return edge.rotation_strength(noise, *data(scene), found.rotation)
 
     assert (strengths(SPACE) < 10).sum() == 0
     for plan in DEGENERATE.values():
@@ -124,10 +125,16 @@ def test_too_few_groups_or_positions_are_refused(plan):
         solve(scene)
 
 
-def test_noise_that_cannot_be_estimated_leaves_a_strength_open():
+@pytest.mark.parametrize("positions", [3, 4])
+def test_where_groups_cannot_tell_the_noise_the_edge_does(positions):
     """An edge's sensed point is a function of the flange position with four parameters
-    a coordinate.
+    a coordinate, with three where the flange moves in a plane.
     """
-    scene = edge_scenes(replace(SPACE, positions=4), Noise(0.05), default_rng(11))
-    found = edge_equations(*data(scene))
-    assert np.isnan(edge.rotation_strength(*data(scene), found.rotation))
+    few = replace(SPACE, positions=positions)
+    for seed in range(16):
+        plan = replace(few, groups=6, spread_deg=5)
+        scene = edge_scenes(plan, Noise(0.5), default_rng(seed))
+        with pytest.raises(UnobservableError, match="times what noise makes of a zero"):
+            solve(scene)
+        scene = edge_scenes(few, Noise(0.01), default_rng(seed))
+        solve(scene)
