@@ -82,22 +82,29 @@ def agreed(scans: Sequence[Scan]) -> Entries:
 
 def with_few_joined(scans: Sequence[Scan]) -> tuple[tuple[Scan, ...], list[str]]:
     """Scans, those of too few poses to place a target by themselves as part of the
-    first one, if that is of a like target; and a sentence for each of these.
+    first of a like target, if there is one; and a sentence for each of these.
 
     A second step of a plan may have one pose or two: its target stands where it stood.
     """
-    first, kept = scans[0], []
+    pairs = [*zip(prefixes(scans), scans, strict=True)]
+    kept: list[Scan] = []
     remarks = []
-    for name, scan in zip(prefixes(scans)[1:], scans[1:], strict=True):
-        if LIKE(scan) == LIKE(first) and len(scan.values) < LEAST_POSES:
-            first = joined(first, scan, name)
+    for name, scan in sorted(pairs, key=lambda pair: has_few(pair[1])):
+        alike = [k for k, one in enumerate(kept) if LIKE(one) == LIKE(scan)]
+        if alike and has_few(scan):
+            kept[alike[0]] = joined(kept[alike[0]], scan, name)
             remarks.append(
                 f"{name}too few poses to place a target; this {scan.kind} is taken "
                 "to stand where the first one does"
             )
         else:
             kept.append(scan)
-    return (first, *kept), remarks
+    return tuple(kept), remarks
+
+
+def has_few(scan: Scan) -> bool:
+    """Whether it holds too few poses, at rest, to place a target."""
+    return scan.log is None and len(scan.values) < LEAST_POSES
 
 
 def joined(first: Scan, second: Scan, name: str) -> Scan:

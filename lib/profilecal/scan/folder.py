@@ -12,7 +12,7 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.checks import REACH_MM
-from profilecal.geometry.poses import homogeneous, rotation_groups
+from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import (
     CONVENTIONS,
     Convention,
@@ -226,7 +226,7 @@ def check_poses(table: Table, scale: float, side: float = 0.0) -> Entries:
         "R_base_flange": rotations,
         "p_base_flange": positions,
         "side": sides,
-        "group": groups if given else rotation_groups(rotations),
+        "group": groups if given else None,
         "group_given": given,
         "convention": convention.name,
         "orientation": block,
@@ -350,6 +350,9 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
     """
     with new_folder(Path(folder)) as partial:
         header = header_of(scan, scan.title, scan.noise) | known_of(scan)
+        sides = {*scan.side[scan.moving]} - {0}
+        if len(sides) == 1:
+            header["target"]["side"] = int(*sides)
         for name, entries in {"scan": header, "truth": scan.truth}.items():
             if entries:
                 text = toml_text(entries)
@@ -401,7 +404,7 @@ def tables_of(scan: Scan) -> dict[str, dict[str, Any]]:
             poses |= zip(convention.columns, scan.orientation.T, strict=True)
         if scan.group_given:
             poses["group"] = scan.group[still]
-        if np.any(scan.side[still]):
+        if np.any(scan.side):
             poses["side"] = scan.side[still].astype(int)
         tables["poses"], keys["pose"] = poses, labels
     if scan.log:

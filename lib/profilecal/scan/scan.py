@@ -25,9 +25,10 @@ from profilecal.geometry.poses import (
     check_alike,
     homogeneous,
     inverse,
+    nearest_rotation,
     rotation_groups,
 )
-from profilecal.scan.conventions import CONVENTIONS, named, to_rotations
+from profilecal.scan.conventions import CONVENTIONS, named
 from profilecal.scan.motion import DELAY_MS, check_times, checked_log, moment_label
 from profilecal.scan.tables import ScanError, naming
 from profilecal.scan.toml import (
@@ -130,7 +131,6 @@ class Scan:
         labels: Sequence[str] | None = None,
         title: str = "",
         convention: str = CONVENTIONS[0].name,
-        orientations: ArrayLike | None = None,
         log: tuple[ArrayLike, ArrayLike | RigidTransform] | None = None,
         times: ArrayLike | None = None,
         sweeps: Sequence[str] = (),
@@ -171,9 +171,9 @@ class Scan:
             Names of the poses; left out, their numbers from 1.
         title : str
             One line of text.
-        convention, orientations : str and array (P, k), optional
-            The numbers that the robot prints, as `pose_matrices` takes them: then
-            poses that were read in a wrong convention can be named.
+        convention : str
+            Of the numbers that the robot prints, as `pose_matrices` took them: poses
+            that were read in a wrong convention can then be named.
         log, times, sweeps : arrays (L,) and (L, 4, 4); (P,); P str, optional
             What was measured in motion: times and poses of the flange that the robot
             recorded, s and mm; when each measurement was by the scanner's clock, s; and
@@ -229,11 +229,9 @@ class Scan:
         measured, rows = the_one_given(
             profiles=profiles, points=points, chords=chords, arcs=arcs
         )
-        printed = recorded = None
+        recorded = None
         with naming("Scan"):
             T = rigid("T_base_flange", T_base_flange)
-            if orientations is not None:
-                printed = printed_as(convention, orientations, T)
             if log is not None:
                 way = rigid("log T", log[1])
                 recorded = checked_log(log[0], way[:, :3, :3], way[:, :3, 3])
@@ -256,7 +254,6 @@ class Scan:
             mount=mount,
             title=title,
             convention=named(convention).name,
-            orientation=printed,
             log=recorded,
             times=times,
             sweeps=tuple(map(str, sweeps)),
@@ -323,8 +320,8 @@ class Scan:
         """Labels, poses and groups of all, those in motion by the log and by sweep.
 
         What is given is of those at rest; or of all, where `replace` makes a scan of
-        one that is complete. Orientations as they were read and whether groups were
-        stated are dropped. Raises ValueError.
+        one that is complete. Orientations as they were read are dropped. Raises
+        ValueError.
         """
         moving, P = self.moving, len(self.times)
         if len(self.sweeps) != P:
@@ -355,13 +352,12 @@ class Scan:
             "p_base_flange": of_all(self.p_base_flange, p),
             "group": of_all(group, group.max(initial=-1) + 1 + number),
             "orientation": None,
-            "group_given": False,
         }
 
     def _in_final_form(self) -> Entries:
         """All that is of poses, an entry for each. Raises ValueError."""
         P = len(self.values)
-        R = check_rotations("T_base_flange", self.R_base_flange, P)
+        R = nearest_rotation(check_rotations("T_base_flange", self.R_base_flange, P))
         p = check_positions("T_base_flange", self.p_base_flange, P)
         if len(self.labels) != P:
             raise ValueError(f"labels has {len(self.labels)} entries for {P} poses")
@@ -374,7 +370,8 @@ class Scan:
         if group.shape != (P,):
             raise ValueError(f"group has shape {group.shape}; expected ({P},)")
         if self.group_given:
-            check_alike("R_base_flange", R, group)
+            still = ~self.moving
+            check_alike("R_base_flange", R[still], group[still])
         side = np.asarray(self.side)
         if side.shape not in ((), (P,)) or not np.isin(side, (-1, 0, 1)).all():
             raise ValueError(f"side is {self.side}; expected 1, -1 or 0, for each pose")
@@ -383,9 +380,9 @@ class Scan:
             "R_base_flange": read_only(R),
             "p_base_flange": read_only(p),
             "values": tuple(map(read_only, self.values)),
-            "group": group,
+            "group": read_only(group),
             "sweeps": self.sweeps or ("",) * P,
-            "side": np.broadcast_to(side, P).astype(float),
+            "side": read_only(np.broadcast_to(side, P).astype(float)),
             "noise": {name: float(value) for name, value in self.noise.items()},
         }
 
@@ -412,7 +409,7 @@ class Scan:
         if self.log is None:
             return self
         posed = replace(self, delay_ms=delay_ms)
-        return replace(posed, log=None, sweeps=())
+        return replace(posed, log=None, sweeps=(), group_given=False)
 
     @property
     def T_base_flange(self) -> ndarray:
@@ -493,16 +490,3 @@ def rows_by_pose(measured: str, values: Any) -> tuple[ndarray, ...]:
         else np.empty((0, columns))
         for k, profile in enumerate(values)
     )
-
-
-def printed_as(convention: str, orientations: ArrayLike, T: ndarray) -> ndarray:
-    """The orientations (P, k) of poses T (P, 4, 4) in a convention, as they were
-    printed. Raises ValueError where they are others.
-    """
-    angles = named(convention)
-    shape = (len(T), len(angles.columns))
-    printed = check_array("orientations", orientations, shape)
-    # they may be rounded
-    if not np.allclose(to_rotations(angles, printed), T[:, :3, :3], atol=0.01):
-        raise ValueError(f"orientations, as {convention}, are not T_base_flange's")
-    return printed

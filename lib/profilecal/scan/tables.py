@@ -262,7 +262,7 @@ def parts_of_text(
     text = TextIOWrapper(BytesIO(content), "utf-8", newline="")
     reader = csv.reader(text, strict=True)
     # spreadsheets leave rows and columns without content
-    rows = ((reader.line_num, row) for row in reader if any(row))
+    rows = ((reader.line_num, row) for row in reader if any(map(str.strip, row)))
     try:
         _, titles = next(rows, (1, []))
         names = [
@@ -284,8 +284,9 @@ def parts_of_arrays(path: Path, required: Collection[str]) -> Iterator[Table]:
     """The required columns of an .npz file, some rows at a time."""
     try:
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            names = file.files
-            columns = {name: file[name] for name in names if name in required}
+            names = [*map(str.lower, file.files)]
+            pairs = zip(names, file.files, strict=True)
+            columns = {name: file[own] for name, own in pairs if name in required}
     except Exception as error:  # zip, zlib and numpy have errors of their own
         raise ScanError(
             f"{path}: no arrays; expected what numpy.savez writes of numbers and text "

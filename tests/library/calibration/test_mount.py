@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from simulated import few, squared_error, with_values
+from simulated import few, scan_of, squared_error, with_values
 
 import profilecal as pc
+from profilecal.calibration.several_scans import with_few_joined
 from profilecal.geometry.poses import homogeneous, rotations
 
 
@@ -86,14 +87,20 @@ def test_what_the_scan_leaves_open_rests_on_the_guess_and_says_so(kind):
 
 
 def test_a_guess_counts_that_only_a_scan_of_two_poses_has():
-    """Such a scan is joined to the first of its target."""
+    """Such a scan is joined to the first of its target, wherever it stands."""
     plan = {"groups": 6, "positions": 4, "spread_deg": 0.0}
     scan, truth = pc.simulate("edge", seed=2, **plan)
     two = few(pc.simulate("edge", seed=2, scan=2, **plan)[0], [0, 9])
     guess = near(truth.pose, 2, 0.5, 0.2)
-    found = pc.calibrate([scan, replace(two, guess=guess, guess_sd=(0.5, 0.2))])
-    assert found.is_known
-    assert len(found.scans) == 1
+    guessed = replace(two, guess=guess, guess_sd=(0.5, 0.2))
+    ball = pc.simulate("ball", seed=2, **plan)[0]
+    for scans in ([scan, guessed], [guessed, scan], [ball, guessed, scan]):
+        found = pc.calibrate(scans)
+        assert found.is_known
+        assert len(found.scans) == len(scans) - 1
+    swept = scan_of("edge", seed=2, motion={"sweeps": 3, "profiles": 5})
+    parts = few(swept, [0, 1]), few(swept, range(2, len(swept.labels)))
+    assert with_few_joined(parts) == (parts, [])
 
 
 def test_a_guess_is_held_against_what_a_scan_determines_of_the_pose():

@@ -133,7 +133,7 @@ def test_blank_and_nan_points_are_missing_and_extra_columns_ignored(folder):
     path = folder / "points.csv"
     lines = path.read_text().splitlines()
     lines[1:3] = "P0,,", "P1,nan,NaN"
-    path.write_text("\n".join(f"{line},comment" for line in lines) + "\n\n")
+    path.write_text("\n".join(f"{line},comment" for line in lines) + "\n\n , \n")
     missing = [np.isnan(rows).all() for rows in pc.read_scan(folder).values]
     assert missing == [True, True] + 10 * [False]
 
@@ -143,9 +143,9 @@ def as_arrays(name, **changed):
 
     def change(folder):
         table = pd.read_csv(folder / f"{name}.csv")
-        columns = {key: table[key].to_numpy() for key in table} | changed
-        labels = columns["pose"].astype(str)
-        np.savez(folder / f"{name}.npz", **columns | {"pose": labels})
+        columns = {key.title(): table[key].to_numpy() for key in table} | changed
+        labels = columns["Pose"].astype(str)
+        np.savez(folder / f"{name}.npz", **columns | {"Pose": labels})
         (folder / f"{name}.csv").unlink()
 
     return change
@@ -197,7 +197,7 @@ def arrays_cut_short(folder):
 
 
 def two_axes(folder):
-    as_arrays("arcs", x=np.ones((12, 2)))(folder)
+    as_arrays("arcs", X=np.ones((12, 2)))(folder)
 
 
 def too_large(folder):
@@ -240,8 +240,8 @@ MISTAKES = {  # by what is said of each
     # the same in arrays
     "arcs.npz: no arrays; expected .* cut short": arrays_cut_short,
     "x is float64 of shape .12, 2.; expected numbers or text, .12,.": two_axes,
-    "x is complex128 of shape": as_arrays("arcs", x=np.ones(12, complex)),
-    r"arcs.npz: .* text .dtype str.: is it": as_arrays("arcs", z=np.array([None] * 12)),
+    "x is complex128 of shape": as_arrays("arcs", X=np.ones(12, complex)),
+    r"arcs.npz: .* text .dtype str.: is it": as_arrays("arcs", Z=np.array([None] * 12)),
     # labels
     "line 5: pose 'P2' is there twice": poses(relabelled("P2")),
     "line 5: pose 'P33' is not in poses": arcs(relabelled("P33")),

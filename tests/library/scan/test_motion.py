@@ -13,7 +13,6 @@ from profilecal.calibration.observe import observe
 from profilecal.calibration.other_conventions import better_readings
 from profilecal.geometry.log import Log
 from profilecal.geometry.poses import homogeneous, rotations
-from profilecal.scan.conventions import from_rotations, named
 
 SWEEPS = {"sweeps": 3, "profiles": 5, "turn_deg": 8.0}
 RECORDED = {
@@ -74,7 +73,6 @@ def test_arrays_make_the_same_scan():
         title=scan.title,
         noise=scan.noise,
         convention=scan.convention,
-        orientations=from_rotations(named(scan.convention), scan.R_base_flange[still]),
     )
     assert_same(scan, made)
     assert isinstance(better_readings(made.at_rest(3.0), observe(made)), list)
@@ -82,6 +80,21 @@ def test_arrays_make_the_same_scan():
         "Scan(edge, 4 poses of 4 orientations, 15 profiles in 3 sweeps, points, "
         "eye-in-hand)"
     )
+
+
+def test_groups_and_sides_beside_sweeps_are_checked_and_come_back(folder):
+    scan = in_motion("ball", motion=SWEEPS | {"stops": 4})
+    still = ~scan.moving
+    first = scan.group[still][0]
+    together = np.where(still, first, scan.group)
+    with pytest.raises(pc.ScanError, match="same label in group, by"):
+        replace(scan, group=together, group_given=True)
+    sides = np.where(still, np.resize([1, -1], len(still)), -1)
+    given = replace(scan, group_given=True, side=sides)
+    pc.write_scan(given, folder.with_name("given"))
+    again = pc.read_scan(folder.with_name("given"))
+    assert again.group_given
+    assert_same(again, given)
 
 
 def test_times_that_count_from_1970_keep_their_microseconds(tmp_path):

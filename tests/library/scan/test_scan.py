@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from simulated import scan_of
 
 import profilecal as pc
@@ -31,6 +32,20 @@ def test_a_copy_with_something_wrong_is_refused():
     for sentence, entries in wrong_entries.items():
         with pytest.raises(pc.ScanError, match=sentence):
             replace(scan, **entries)
+
+
+def test_matrices_that_are_rounded_are_rotations():
+    scan = scan_of("edge", groups=4, positions=3)
+    for scale in (1.0004, 0.9996):
+        rounded = replace(scan, R_base_flange=scale * scan.R_base_flange)
+        assert_allclose(rounded.R_base_flange, scan.R_base_flange, atol=1e-12)
+
+
+def test_nothing_of_a_scan_is_written_to():
+    scan = scan_of("edge", groups=4, positions=3)
+    for array in (scan.p_base_flange, scan.values[0], scan.group, scan.side):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
 
 
 @pytest.mark.parametrize("side", [1, 0, [1, -1, 0] * 4])
