@@ -21,6 +21,7 @@ from profilecal.geometry.checks import (
     check_array,
     check_count,
     check_positions,
+    check_readings,
     check_rotations,
 )
 from profilecal.geometry.poses import unit
@@ -77,7 +78,7 @@ def solve_ball(R_tcp: ArrayLike, T_tcp: ArrayLike, q: ArrayLike) -> TwoStepSolut
     T_tcp = check_positions("T_tcp", T_tcp)
     n = len(T_tcp)
     R_tcp = check_rotations("R_tcp", R_tcp, n)
-    q = check_array("q", q, (n, 3))
+    q = check_readings("q", q, (n, 3))
     number = find_groups("R_tcp", R_tcp, None)
     is_still = number == np.bincount(number).argmax()
     still, turning = np.flatnonzero(is_still), np.flatnonzero(~is_still)
@@ -87,26 +88,33 @@ def solve_ball(R_tcp: ArrayLike, T_tcp: ArrayLike, q: ArrayLike) -> TwoStepSolut
         3,
         "two differences that are not parallel fix the rotation",
     )
-    first, others = still[0], still[1:]
-    lines = q[first] - q[others]
-    same = others[~lines.any(axis=1)]
-    if same.size:
-        raise ValueError(
-            f"q[{same[0]}] is q[{first}], {q[first]}; "
-            "expected ball centres apart from the first"
-        )
-    check_line(
-        unit(lines),
-        f"all {len(others)} differences of ball centres are parallel in the sensor "
-        "frame",
-        "the rotation about them cannot be known; translate along another line",
-    )
+    lines = q[still[0]] - q[still[1:]]
+    moved = (T_tcp[still[1:]] - T_tcp[still[0]]) @ R_tcp[still[0]]
+    check_translations("q", lines, still, "ball centres", "sensor frame")
+    check_translations("T_tcp", moved, still, "positions", "flange frame")
     check_orientations(R_tcp[turning], "turning poses")
 
-    moved = (T_tcp[others] - T_tcp[first]) @ R_tcp[first]
     rotation = solve_rotation(unit(lines).T, unit(moved).T)
     given = R_tcp[turning], T_tcp[turning], q[turning]
     return TwoStepSolution(rotation, solve_translation(*given, rotation.R_sensor))
+
+
+def check_translations(
+    name: str, vectors: ndarray, still: ndarray, what: str, frame: str
+) -> None:
+    """Refuse differences (k - 1, 3), by an argument, of the first of the poses `still`
+    (k,) and the others where one has no length or all are parallel.
+    """
+    for k in np.flatnonzero(~vectors.any(axis=1)):
+        raise ValueError(
+            f"{name}[{still[k + 1]}] is {name}[{still[0]}]; "
+            f"expected {what} apart from the first"
+        )
+    check_line(
+        unit(vectors),
+        f"all {len(vectors)} differences of {what} are parallel in the {frame}",
+        "the rotation about them cannot be known; translate along another line",
+    )
 
 
 def solve_tetra_ball(q_b: ArrayLike, q_i: ArrayLike) -> tuple[ndarray, ndarray]:
@@ -219,7 +227,7 @@ def solve_fixed_point(
     n = len(T_tcp)
     check_count("readings of the point", n, 4, "three equations each, twelve unknowns")
     R_tcp = check_rotations("R_tcp", R_tcp, n)
-    q = np.insert(check_array("q", q, (n, 2)), 1, 0, axis=1)
+    q = np.insert(check_readings("q", q, (n, 2)), 1, 0, axis=1)
     check_orientations(R_tcp)
     offsets = q - q.mean(axis=0)
     check_line(

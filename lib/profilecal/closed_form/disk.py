@@ -17,9 +17,11 @@ from profilecal.closed_form.two_step import (
     solve_translation,
 )
 from profilecal.geometry.checks import (
+    UnobservableError,
     check_array,
     check_count,
     check_positions,
+    check_readings,
     check_rotations,
 )
 from profilecal.geometry.fitting import (
@@ -32,6 +34,8 @@ from profilecal.geometry.poses import unit
 
 # a straight motion leaves its line by less than this part of its length
 STRAIGHT = 0.01
+# standard deviations by which the lengths of a motion's chords bend, at least
+BEND = 3.0
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,8 @@ def solve_disk(
     along a straight line over the disk. The chords of a motion lie on an ellipse, which
     gives its sensing data (Eqs 4-13); those of all motions give the rotation (Eqs
     14-16), then the translation (Eqs 17-20). A motion has three poses or more; their
-    number and their steps may differ.
+    number and their steps may differ. Nothing tells how well three chords fix the
+    ellipse.
 
     Chords do not show whether the scanner looks forwards or backwards along its motion:
     `R_sensor_guess` tells. Rows may come in any order. As in the paper, Eq. 17 takes
@@ -140,9 +145,10 @@ def solve_disk(
     T_tcp = check_positions("T_tcp", T_tcp)
     n = len(T_tcp)
     R_tcp = check_rotations("R_tcp", R_tcp, n)
-    chords = check_array("chords", chords, (n, 2, 2))
-    if not check_array("radius", radius, ()) > 0:
-        raise ValueError(f"radius is {radius}; expected a length in mm")
+    chords = check_readings("chords", chords, (n, 2, 2))
+    radius = float(check_array("radius", radius, ()))
+    if not radius > 0:
+        raise ValueError(f"radius is {radius:g}; expected a length in mm")
     longest = np.linalg.norm(np.diff(chords, axis=1), axis=-1).max()
     if longest > 2.2 * radius:  # a tenth more than noise can make of a diameter
         raise ValueError(
@@ -159,6 +165,7 @@ def solve_disk(
 
     by_x = chords[..., :1].argsort(axis=1)
     tips = np.take_along_axis(chords, by_x, axis=1)
+    check_bend(T_tcp, tips, motions, names)
     scans = scans_of(R_tcp, T_tcp, tips, motions, radius, heights, guess)
     check_sensing_data(scans, radius, names)
     return solve_scans(R_tcp, scans)
@@ -226,6 +233,27 @@ def check_motions(T_tcp: ndarray, motions: list[ndarray], names: list[str]) -> N
                 f"the positions at {name}, {length.min():.3g} mm from end to end, "
                 f"leave a line by more than {STRAIGHT:.0%} of that; expected a "
                 "straight motion (group tells several at one orientation apart)"
+            )
+
+
+def check_bend(
+    T_tcp: ndarray, tips: ndarray, motions: list[ndarray], names: list[str]
+) -> None:
+    """Refuse motions, rows of positions (n, 3) and tips (n, 2, 2), whose chords hardly
+    change in length: their ellipse may be of any size.
+
+    The square of a chord's length is a parabola over the way. Any three are on one.
+    """
+    for name, rows in zip(names, motions, strict=True):
+        if len(rows) == 3:
+            continue
+        along = np.linalg.norm(T_tcp[rows] - T_tcp[rows[0]], axis=-1)
+        squares = np.sum(np.diff(tips[rows], axis=1) ** 2, axis=(1, 2))
+        curve, covariance = np.polyfit(along, squares, 2, cov=True)
+        if not -curve[0] > BEND * np.sqrt(covariance[0, 0]):  # true for NaN
+            raise UnobservableError(
+                f"the {len(rows)} chords at {name} hardly change in length, so their "
+                "ellipse cannot be known; move farther across the disk"
             )
 
 

@@ -18,9 +18,9 @@ from profilecal.closed_form.groups import find_groups, group_members
 from profilecal.closed_form.two_step import TwoStepSolution, check_orientations
 from profilecal.geometry.checks import (
     UnobservableError,
-    check_array,
     check_count,
     check_positions,
+    check_readings,
     check_rotations,
 )
 from profilecal.geometry.fitting import affine_residuals, with_sign
@@ -141,7 +141,7 @@ def solve_edge(
     T_b = check_positions("T_b", T_b)
     n = len(T_b)
     R_b = check_rotations("R_b", R_b, n)
-    p_s = check_array("p_s", p_s, (n, 2))
+    p_s = check_readings("p_s", p_s, (n, 2))
     index, present = group_members(find_groups("R_b", R_b, group))
     why = "pairs of their differences fix the rotation"
     check_count("poses of an orientation", present.shape[1], 3, why)

@@ -173,7 +173,7 @@ EDGE_REFUSED = [
     ({"group": 0 * GROUP}, r"R_b\[\d+\] differs from R_b\[0\], which has the same l"),
 ]
 R, T, SEEN, GROUP = arrays(DISK, 0.05)
-OF_DISK = {"R_tcp": R, "T_tcp": T, "chords": SEEN, "radius": 50}
+OF_DISK = {"R_tcp": R, "T_tcp": T, "chords": SEEN, "radius": "50"}  # as in a file
 KNOWN = {"R_sensor_guess": DISK.R_sensor}
 BENT = with_entry(T, (1, 2), T[1, 2] + 9)
 DISK_REFUSED = [
@@ -185,20 +185,33 @@ DISK_REFUSED = [
     (KNOWN | {"T_tcp": 0 * T + 500}, r"orientation R_tcp\[0\], 0 mm from end to end"),
     ({"R_sensor_guess": MIRRORED[0]}, r"R_sensor_guess\[0\] is a reflection"),
 ]
-FEW = uneven(GROUP, (9, 2))
-DISK_OPEN = KNOWN | {name: OF_DISK[name][FEW] for name in ("R_tcp", "T_tcp", "chords")}
+
+
+def chords_of(rows):
+    """Of the disk, these alone."""
+    return KNOWN | {name: OF_DISK[name][rows] for name in ("R_tcp", "T_tcp", "chords")}
+
+
+FEW = chords_of(uneven(GROUP, (9, 2)))
+MIDDLE = chords_of(np.flatnonzero(np.abs(np.arange(len(GROUP)) % 40 - 20) < 3))
 R, T, SEEN = scenes.ball_data(default_rng(8), 5, 4)[1]
 OF_BALL = {"R_tcp": R, "T_tcp": T, "q": SEEN}
 TWICE = OF_BALL | {"q": SEEN[[0, 1, 0, *range(3, 9)]]}
+T = OF_BALL["T_tcp"]
+STILL = OF_BALL | {"T_tcp": T[[0, 0, 0, 0, *range(4, 9)]]}
+ONE_WAY = OF_BALL | {"T_tcp": T[[0, 1, 1, 1, 1, *range(5, 9)]]}
 NO_TRANSLATION = {name: values[4:] for name, values in OF_BALL.items()}
 R, T, SEEN = scenes.point_data(default_rng(9))[1]
 OF_POINT = {"R_tcp": R, "T_tcp": T, "q": SEEN[:, ::2]}
 REFUSED = [
     *((solve_edge, OF_EDGE | change, sentence) for change, sentence in EDGE_REFUSED),
     *((solve_disk, OF_DISK | change, sentence) for change, sentence in DISK_REFUSED),
-    (solve_ball, TWICE, r"q\[2\] is q\[0\], .*expected ball centres apart"),
+    (solve_ball, TWICE, r"q\[2\] is q\[0\]; expected ball centres apart"),
+    (solve_ball, STILL, r"T_tcp\[1\] is T_tcp\[0\]; expected positions apart"),
+    (solve_ball, ONE_WAY, "differences of positions are parallel in the flange frame"),
     (solve_ball, NO_TRANSLATION, "translating poses: 1 given, at least 3 needed"),
-    (solve_disk, OF_DISK | DISK_OPEN, r"orientation R_tcp\[9\]: 2 given, at least 3"),
+    (solve_disk, OF_DISK | FEW, r"orientation R_tcp\[9\]: 2 given, at least 3"),
+    (solve_disk, OF_DISK | MIDDLE, r"the 5 chords at .* hardly change in length"),
 ]
 SOLVERS = [
     (solve_edge, OF_EDGE),
@@ -234,6 +247,8 @@ def test_every_array_of_every_solver_is_checked(solve, given, name):
         }
     if name.startswith("T"):
         mistakes["expected a robot's size, .*are they in mm"] = values / 1000
+    elif not name.startswith("R"):
+        mistakes[f"value of {name} is .*; expected 1 to .*in mm"] = values / 1000
     for sentence, wrong in mistakes.items():
         with pytest.raises(ValueError, match=sentence):
             solve(**given | {name: wrong})
