@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike
 
 from profilecal.geometry.checks import check_array, check_positions, check_rotations
 from profilecal.geometry.log import DELAY_S, Log
-from profilecal.geometry.poses import nearest_rotation
 from profilecal.scan.toml import number
 
 DELAY_MS = number(-1e3 * DELAY_S, 1e3 * DELAY_S)  # what a delay may be
@@ -18,7 +17,7 @@ SPEEDS = 1.0, 10_000.0  # mm/s, between which the fastest motion of a robot is
 def checked_log(t: ArrayLike, R: ArrayLike, p: ArrayLike) -> Log:
     """A log of times (L,), s, and poses (L, 3, 3), (L, 3), mm. Raises ValueError."""
     times = check_array("log t", t, (None,))
-    rotations = nearest_rotation(check_rotations("log R", R, len(times)))
+    rotations = check_rotations("log R", R, len(times))
     log = Log(times, rotations, check_positions("log p", p, len(times)))
     if len(times) < 2:
         raise ValueError(f"log has {len(times)} rows; expected two or more")

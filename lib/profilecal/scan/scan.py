@@ -25,7 +25,6 @@ from profilecal.geometry.poses import (
     check_alike,
     homogeneous,
     inverse,
-    nearest_rotation,
     rotation_groups,
 )
 from profilecal.scan.conventions import CONVENTIONS, named
@@ -357,7 +356,7 @@ class Scan:
     def _in_final_form(self) -> Entries:
         """All that is of poses, an entry for each. Raises ValueError."""
         P = len(self.values)
-        R = nearest_rotation(check_rotations("T_base_flange", self.R_base_flange, P))
+        R = check_rotations("T_base_flange", self.R_base_flange, P)
         p = check_positions("T_base_flange", self.p_base_flange, P)
         if len(self.labels) != P:
             raise ValueError(f"labels has {len(self.labels)} entries for {P} poses")
