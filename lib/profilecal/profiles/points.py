@@ -70,14 +70,18 @@ def tolerance(z: ndarray) -> float:
     """How far points are from a smooth outline by chance at most, mm.
 
     It follows from the second differences of the depths z (k,), of which independent
-    noise has √6 times the standard deviation of a point.
+    noise has √6 times the standard deviation of a point. Most are zero where z comes in
+    coarse steps; the least of them tells.
     """
     if len(z) < 5:
         return LEAST_TOLERANCE
     second = np.abs(np.diff(z, 2))
     one_sigma = int(0.68 * len(second))
     sigma = np.partition(second, one_sigma)[one_sigma] / np.sqrt(6)
-    return float(np.clip(NOISE_LIMIT * sigma, LEAST_TOLERANCE, LARGEST_TOLERANCE))
+    steps = np.diff(np.unique(z))
+    step = min(steps[(steps > 1e-6) & (steps < 1)], default=0)
+    limit = max(NOISE_LIMIT * sigma, 1.5 * step)
+    return float(np.clip(limit, LEAST_TOLERANCE, LARGEST_TOLERANCE))
 
 
 def surface(profile: ndarray) -> tuple[ndarray, float]:
@@ -94,6 +98,14 @@ def surface(profile: ndarray) -> tuple[ndarray, float]:
         return np.arange(len(z)), limit
     outline = median_filter(z, 7, mode="nearest")
     return np.flatnonzero(np.abs(z - outline) <= 5 * limit), limit  # far beyond noise
+
+
+def visible(mean_square: float) -> float:
+    """The mean square of errors, mm²; that of the least tolerance where points are
+    exactly even, which show no noise.
+    """
+    least = (LEAST_TOLERANCE / NOISE_LIMIT) ** 2
+    return mean_square if mean_square > 1e-12 else least
 
 
 def stretches(rows: ndarray, gap: int) -> list[ndarray]:
@@ -174,7 +186,7 @@ def variances_across(off: ndarray, normals: ndarray) -> ndarray:
     to the squared distances `off` (k,) of the points from the curve. Its normals are
     (k, 2).
     """
-    mean_square = np.mean(off**2)
+    mean_square = visible(np.mean(off**2))
     if len(off) < 100:  # too few to tell x from z
         return np.full(len(off), mean_square)
     both, _ = nnls(normals**2, off**2)

@@ -12,6 +12,7 @@ from profilecal.profiles.points import (
     stretches,
     surface,
     variance_inflation,
+    visible,
 )
 
 LEAST_POINTS = 6  # of a piece that may grow
@@ -81,8 +82,8 @@ class Run:
         It is larger where neighbouring points err alike.
         """
         k = len(self.off)
-        square = self.off @ self.off
-        variance = square / max(k - 2, 1) * variance_inflation(self.off)
+        mean_square = visible(self.off @ self.off / max(k - 2, 1))
+        variance = mean_square * variance_inflation(self.off)
         from_middle = self.coordinates(places)[0]
         by_slope = np.outer(from_middle, from_middle) / (self.along @ self.along)
         return variance * (1 / k + by_slope)

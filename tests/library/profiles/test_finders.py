@@ -100,6 +100,24 @@ def test_curves_are_found(name):
     assert share_found(features_of(kind, spoil(profiles, places, rng), radius)) >= 0.99
 
 
+@pytest.mark.parametrize(
+    ("kind", "make"), [("disk", disks), ("ball", balls), ("plane", planes)]
+)
+def test_a_target_is_found_where_depths_come_in_coarse_steps(kind, make):
+    profiles = make(default_rng(3), 60)[0]
+    profiles[..., 1] = np.rint(profiles[..., 1] / 0.5) * 0.5
+    assert share_found(features_of(kind, profiles)) >= 0.95
+
+
+@pytest.mark.parametrize(("kind", "behind"), [("disk", 130.0), ("plane", np.nan)])
+def test_rows_that_are_all_alike_are_not_known_exactly(kind, behind):
+    x = np.linspace(-40, 40, 801)
+    z = np.where(np.abs(x) < 22, 100.0, behind)
+    (feature,) = features_of(kind, [np.stack([x, z], axis=-1)])
+    assert feature.found
+    assert (feature.covariance[:, 1, 1] > 0).all()
+
+
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "rod"])
 @pytest.mark.parametrize("shown", [tables_alone, noise])
 def test_a_table_or_noise_alone_shows_nothing(kind, shown):
