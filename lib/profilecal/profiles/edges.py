@@ -32,7 +32,8 @@ def find_edges(profiles: Profiles) -> list[Feature]:
     if not look:
         reason = (
             "both ends of a face are seen, in this profile or others: "
-            "which is the edge? Show one of them only"
+            "which is the edge? Show one of them only (and where z are heights "
+            "that are all above zero, negate them: they pass for depths)"
         )
         return [nothing(reason)] * len(profiles)
     alike = [ranked(c for c in own if c.look == look) for own in candidates]

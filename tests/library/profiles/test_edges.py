@@ -39,6 +39,16 @@ def test_where_both_ends_of_a_face_show_the_corner_tells_which_is_the_edge():
     assert normalised(features, points)[0] < 2
 
 
+def test_heights_above_zero_pass_for_depths_which_a_bar_shows():
+    """Its corner points away then."""
+    plan = {"groups": 10, "scanner": {"points": 300}, "specimen": "parallel bar"}
+    scan, _ = pc.simulate("edge", measured="profiles", **plan)
+    heights = [rows * [1, -1] + [0, 400] for rows in scan.values]
+    features = features_of("edge", heights)
+    assert share_found(features) == 0
+    assert "where z are heights that are all above zero" in features[0].reason
+
+
 def test_where_most_profiles_have_several_corners_others_show_none():
     """A ball passes for a polygon, of which now and then one corner stands out."""
     features = features_of("edge", balls(default_rng(1), 40)[0])
