@@ -34,6 +34,19 @@ NAMES = [convention.name for convention in CONVENTIONS]
 # it sees a whole disk of 50 mm radius
 WIDE = Scanner(near=40.0, far=260.0, near_width=100.0, far_width=220.0)
 USUAL_NOISE = Noise(profile_mm=0.05)
+# what would change nothing in a simulated scan
+IDLE = {
+    "at rest": ("jitter_ms",),
+    "in motion": (
+        "joint_deg",
+        "link_mm",
+        "repeatability_mm",
+        "repeatability_deg",
+        "repeats",
+    ),
+    "of no point": ("steering_mm",),
+    "of any kind": ("accuracy_mm", "accuracy_deg"),
+}
 
 
 @dataclass(frozen=True)
@@ -202,8 +215,10 @@ def simulate_scan(spec: Spec) -> Scan:
     """The scan that a robot with these errors and a scanner with this noise would
     record, and its truth.
 
-    Raises ScanError where it shows nothing, and for poses or speeds that no robot has.
+    Raises ScanError where it shows nothing, for poses or speeds that no robot has, and
+    for errors that would change nothing.
     """
+    check_effects(spec)
     rng = np.random.default_rng(spec.seed)
     scene = spec.scene(rng)
     if spec.scan > 1:  # its errors are others than those of the first
@@ -222,6 +237,18 @@ def simulate_scan(spec: Spec) -> Scan:
     scan = scan_from(scene, flange, said, spec, rng)
     scan.truth["delay_ms"] = spec.motion.delay_ms
     return scan
+
+
+def check_effects(spec: Spec) -> None:
+    """Refuse sizes of what a simulation of this scan leaves out."""
+    ways = ["of any kind", "at rest" if spec.motion is None else "in motion"]
+    if spec.kind != "point":
+        ways.append("of no point")
+    sizes = asdict(spec.noise) | asdict(spec.robot) | {"repeats": spec.repeats - 1}
+    for way in ways:
+        for name in IDLE[way]:
+            if sizes[name]:
+                raise ScanError(f"{name} has no effect in a simulated scan {way}")
 
 
 def taken(scene: Scene, spec: Spec, rng: Generator) -> Frames:
