@@ -4,7 +4,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
-from inspect import signature
 from itertools import product, starmap
 from pathlib import Path
 from typing import Any
@@ -47,16 +46,10 @@ class Joint:
 
     def __post_init__(self) -> None:
         n = len(self.columns)
-        check_array("mean", self.mean, (n,))
         check_array("covariance", self.covariance, (n, n))
-        sizes = (
-            self.freedom,
-            self.noise_factor,
-            *vars(Noise(**self.robot_errors)).values(),
-        )
-        check_array("sizes", sizes, (None,))
-        for _, _, *frame in self.targets:
-            check_array("frame", np.vstack(frame), (4, 3))
+        sizes = [*self.mean, self.freedom, self.noise_factor]
+        check_array("mean and sizes", sizes, (n + 2,))
+        Noise(**self.robot_errors)
 
     def of(self, names: list[str]) -> tuple[ndarray, ndarray]:
         """Mean and covariance of these columns, zero of those that it does not have."""
@@ -200,8 +193,8 @@ def joint_of(entries: Any) -> Joint | None:
     says something else.
     """
     try:
-        known = entries.keys() & signature(Joint).parameters
-        return Joint(**{name: entries[name] for name in known})
+        names = Joint.__annotations__.keys() & entries
+        return Joint(**{name: entries[name] for name in names})
     except (ValueError, TypeError, AttributeError):
         return None
 

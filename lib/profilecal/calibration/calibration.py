@@ -269,7 +269,7 @@ class Calibration:
             "noise_source": solution and solution.noise_source,
             "poses_used": self.poses_used,
             "poses_rejected": self.poses_rejected,
-            "observability": solution and observability_entries(solution, self.frame),
+            "observability": solution and observability_entries(solution),
             "method": "joint",
             "target": known and target_entries(self.solution),
             "messages": self.messages,
@@ -377,11 +377,11 @@ def column_names(
     return names + [f"smooth {k}" for k in range(COEFFICIENTS * smooth)]
 
 
-def observability_entries(solution: Solution, frame: str) -> dict[str, Any]:
+def observability_entries(solution: Solution) -> dict[str, Any]:
     """How well each direction is determined; "singular_values" are 1 / sd, as those of
     residuals' derivatives over the noise.
     """
-    known = solution.observability
+    known, frame = solution.observability, solution.problem.frame
     return {
         "singular_values": 1 / np.maximum(known.sd, np.finfo(float).eps),
         "worst_direction": name_direction(

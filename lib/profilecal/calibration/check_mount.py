@@ -6,7 +6,6 @@ and of the artefact since, where the mean and the covariance that the calibratio
 are all that is known of the other unknowns.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -24,7 +23,7 @@ from profilecal.geometry.observability import HAND_PRECISION
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.prior import TYPICAL
 from profilecal.joint.problem import Problem
-from profilecal.scan.scan import Scan
+from profilecal.scan.scan import Scan, described
 from profilecal.scan.tables import ScanError
 from profilecal.targets.observations import State
 
@@ -196,13 +195,12 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
             "the answer holds no prediction of other poses; calibrate anew with "
             "profilecal calibrate SCAN --json > T.json"
         )
-    known = [in_words(kind, sizes) for kind, sizes, *_ in joint.targets]
-    own = in_words(scan.kind, scan.sizes)
-    alike = [k for k, one in enumerate(known) if one == own]
+    known = [described(kind, sizes) for kind, sizes, *_ in joint.targets]
+    alike = [k for k, one in enumerate(known) if one == scan.description]
     if len(alike) != 1:
         raise ScanError(
-            f"{title}: its {own} is {len(alike) or 'none'} of the calibration's "
-            f"targets ({', '.join(known)}); "
+            f"{title}: its {scan.description} is {len(alike) or 'none'} of the "
+            f"calibration's targets ({'; '.join(known)}); "
             "expected one; verify takes any target"
         )
     seen = observe(scan, 1)
@@ -224,11 +222,6 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
         moves=moves_after(model, noise, *joint.of(names), problem.units),
         freedom=joint.freedom,
     )
-
-
-def in_words(kind: str, sizes: Iterable[float]) -> str:
-    """A target with its lengths."""
-    return " ".join([kind, *(f"{mm:g} mm" for mm in sizes)])
 
 
 def moves_after(

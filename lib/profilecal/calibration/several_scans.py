@@ -113,7 +113,7 @@ def joined(first: Scan, second: Scan, name: str) -> Scan:
     """
     arrays: Entries = {
         field: np.concatenate([getattr(first, field), getattr(second, field)])
-        for field in ("R_base_flange", "p_base_flange", "side", "times")
+        for field in ("R_base_flange", "p_base_flange", "side")
     }
     return replace(
         first,

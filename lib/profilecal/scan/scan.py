@@ -428,8 +428,7 @@ class Scan:
     @property
     def description(self) -> str:
         """The target in words."""
-        lengths = [f"{name} {value:g} mm" for name, value in self.measures.items()]
-        return ", ".join([self.kind, *lengths])
+        return described(self.kind, self.sizes)
 
     def base_flange(self, poses: ndarray) -> Frames:
         """Some poses (k,) as the calibration takes them: rotations (k, 3, 3) and
@@ -438,6 +437,12 @@ class Scan:
         """
         R, p = self.R_base_flange[poses], self.p_base_flange[poses]
         return inverse(R, p) if self.mount == "eye-to-hand" else (R, p)
+
+
+def described(kind: str, sizes: Sequence[float]) -> str:
+    """A target in words."""
+    lengths = zip(TARGETS[kind].lengths, sizes, strict=True)
+    return ", ".join([kind, *(f"{name} {mm:g} mm" for name, mm in lengths)])
 
 
 def groups_of(group: Any, R: ndarray) -> ndarray:

@@ -145,6 +145,7 @@ def test_answers_without_what_it_takes_are_refused():
         pc.check_mount(found, edge)
     ball, larger = scan_of("ball", seed=1), scan_of("ball", seed=1, scan=2, radius=30)
     with pytest.raises(
-        pc.ScanError, match=r"its ball 30 mm is none of .* \(ball 25 mm\)"
+        pc.ScanError,
+        match=r"its ball, radius 30 mm is none of .* \(ball, radius 25 mm\)",
     ):
         pc.check_mount(pc.calibrate(ball), larger)

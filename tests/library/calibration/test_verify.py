@@ -125,7 +125,6 @@ OF_ANOTHER_VERSION = {  # entries of what was found
     "mean": [0.0],
     "covariance": [[1.0]],
     "robot_errors": {"wobble_mm": 1.0},
-    "targets": [["plane", [], [0, 0, 0], [1, 0, 0]]],
 }
 
 
