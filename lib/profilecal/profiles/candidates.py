@@ -1,8 +1,7 @@
 """Candidates for a target's feature in raw profiles, and which of them it is."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,31 +13,24 @@ from profilecal.profiles.points import Feature, Profiles, nothing
 AMBIGUOUS = 0.5
 
 
-class Look(NamedTuple):
-    """What the target's features in all profiles of a scan have in common."""
-
-    shape: str
-    # what tells a feature from others of its shape; 0: nothing does
-    # - of a corner: the sign of z, the way it points
-    # - of a step end: the sign of x, the way from the face's middle to it
-    # - of a chord: the sign of z, the way its steps lead to what is behind it
-    sign: int = 0
-
-
 @dataclass(frozen=True)
 class Candidate:
     """Something in a profile that may be the target's feature."""
 
     feature: Feature
-    sign: int = 0  # of its look
+    # what tells it from others of its shape; 0: nothing does
+    # - of a corner: the sign of z, the way it points
+    # - of a step end: the sign of x, the way from the face's middle to it
+    # - of a chord: the sign of z, the way its steps lead to what is behind it
+    sign: int = 0
     support: float = 0.0  # mm
     angle: float = 0.0  # rad, between the sides of a corner
     ends: tuple[End, ...] = ()  # where its points are the ends of runs
 
     @property
-    def look(self) -> Look:
+    def look(self) -> tuple[str, int]:
         """What it has in common with the target's feature in other profiles."""
-        return Look(self.feature.shape, self.sign)
+        return self.feature.shape, self.sign
 
 
 def ranked(candidates: Iterable[Candidate]) -> list[Candidate]:
@@ -88,8 +80,11 @@ def with_end_variance(chosen: list[Candidate]) -> list[Feature]:
     is added.
     """
     counted = end_variance([end for candidate in chosen for end in candidate.ends])
+    features = []
     for candidate in chosen:
+        covariance = candidate.feature.covariance.copy()
         for k, end in enumerate(candidate.ends):
             along = np.outer(end.spacing, end.spacing)
-            candidate.feature.covariance[k] += (counted + end.variance) * along
-    return [candidate.feature for candidate in chosen]
+            covariance[k] += (counted + end.variance) * along
+        features.append(replace(candidate.feature, covariance=covariance))
+    return features

@@ -9,13 +9,14 @@ from itertools import pairwise
 import numpy as np
 from numpy import ndarray
 
-from profilecal.profiles.candidates import AMBIGUOUS, Candidate, Look, choose, ranked
+from profilecal.profiles.candidates import AMBIGUOUS, Candidate, choose, ranked
 from profilecal.profiles.ends import BLUNT, View, facing, run_end, step_beyond
 from profilecal.profiles.points import Feature, Profiles, in_each, nothing
 from profilecal.profiles.runs import Run, straight_runs
 
 LEAST_SIDE = 10  # points on either side of a corner
 NEAR = 2.0  # mm, from the ends of straight sides to their corner, at most
+Look = tuple[str, int]  # of the edge in all profiles of a scan: `Candidate.look`
 
 
 def find_edges(profiles: Profiles) -> list[Feature]:
@@ -38,26 +39,26 @@ def find_edges(profiles: Profiles) -> list[Feature]:
         return [nothing(reason)] * len(profiles)
     alike = [ranked(c for c in own if c.look == look) for own in candidates]
     reasons = [""] * len(profiles)
-    if look.shape == "corner":
+    shape, _ = look
+    if shape == "corner":
         reasons = [*map(why_no_corner, found)]
         alike, reasons = of_usual_angle(alike, reasons)
-    return choose(profiles, alike, look.shape, reasons)
+    return choose(profiles, alike, shape, reasons)
 
 
 def look_of_most(shown_by: Counter[Look]) -> Look | None:
     """The look of the edge, from how many profiles each look is `shown_by`; None where
     either end of a face may be it.
     """
-    look = usual_look(shown_by)
-    other_end = shown_by[Look(look.shape, -look.sign)]
-    is_clear = other_end <= AMBIGUOUS * shown_by[look]
-    if is_clear or look.shape != "step end":
+    shape, sign = look = usual_look(shown_by)
+    is_clear = shown_by[shape, -sign] <= AMBIGUOUS * shown_by[look]
+    if is_clear or shape != "step end":
         return look
     # beside one of both ends a side face may show now and then
     corners = {
-        look: count
-        for look, count in shown_by.items()
-        if look.shape == "corner" and count > 2
+        other: count
+        for other, count in shown_by.items()
+        if other[0] == "corner" and count > 2
     }
     return usual_look(corners) if corners else None
 
@@ -73,8 +74,8 @@ def usual_look(shown_by: dict[Look, int]) -> Look:
     often = [look for look, count in shown_by.items() if 2 * count >= most]
     return min(
         often,
-        key=lambda look: (look.shape != "corner", -shown_by[look], look.sign),
-        default=Look(""),
+        key=lambda look: (look[0] != "corner", -shown_by[look], look[1]),
+        default=("", 0),
     )
 
 
@@ -86,17 +87,16 @@ def corners(runs: list[Run], view: View) -> Iterator[Candidate]:
     these are too few. At a shallow corner a run takes points of the next face.
     """
     faces: list[Run | None] = [*runs]
-    joined = [k for k, pair in enumerate(pairwise(runs)) if form_corner(*pair)]
-    for k in joined:
+    joined = joints(runs)
+    for k, rounded in joined:
         first, second = runs[k : k + 2]
         # as far along a face as the next one is within its limit, and half as far
         # again; within noise of the apex a point may be of either
         along, off = np.abs([first.direction, first.normal] @ second.direction)
         spoilt = max(BLUNT, first.limit, 1.5 * first.limit * along / off)
-        rounded = crossing(first, second)
         for one in (k, k + 1):
             faces[one] = beyond(spoilt, faces[one], rounded)
-    for k in joined:
+    for k, _ in joined:
         before, after = faces[k : k + 2]
         if not before or not after or not is_bent(before, after):
             continue
@@ -126,20 +126,21 @@ def of_usual_angle(
     usual = np.median(best or [0.0])
     scatter = np.median(np.abs(np.subtract(best, usual))) if len(best) >= 5 else np.inf
     close, wide = np.maximum(np.radians([20, 30]), 6 * scatter)
-    chosen = []
-    for k, own in enumerate(candidates):
+    chosen, said = [], []
+    for own, reason in zip(candidates, reasons, strict=True):
         near = [one for one in own if abs(one.angle - usual) <= close]
         near = near or [one for one in own if abs(one.angle - usual) <= wide]
         if own and not near:
             angle, expected = np.degrees([own[0].angle, usual])
-            reasons[k] = f"a corner of {angle:.0f}°, {expected:.0f}° in other profiles"
+            reason = f"a corner of {angle:.0f}°, {expected:.0f}° in other profiles"
         chosen.append(near)
-    return chosen, reasons
+        said.append(reason)
+    return chosen, said
 
 
 def why_no_corner(runs: list[Run]) -> str:
     """What keeps a profile from showing a corner, as far as its straight runs tell."""
-    if any(form_corner(*pair) for pair in pairwise(runs)):
+    if joints(runs):
         few = f"fewer than {LEAST_SIDE} points beyond the rounded tip"
         return f"one side of the corner shows {few}"
     if len(runs) == 1:
@@ -147,16 +148,20 @@ def why_no_corner(runs: list[Run]) -> str:
     return ""
 
 
-def form_corner(first: Run, second: Run) -> bool:
-    """Whether the first run ends and the second begins within reach of where their
-    lines meet at an angle.
+def joints(runs: list[Run]) -> list[tuple[int, ndarray]]:
+    """Where a run ends and the next one begins within reach of where their lines meet
+    at an angle: the first one's index, and that place (2,).
     """
-    if not is_bent(first, second):
-        return False
-    apex = crossing(first, second)
-    end = first.coordinates(apex)[0] - first.along[-1]
-    start = second.coordinates(apex)[0] - second.along[0]
-    return abs(end) < NEAR and abs(start) < NEAR
+    found = []
+    for k, (first, second) in enumerate(pairwise(runs)):
+        if not is_bent(first, second):
+            continue
+        apex = crossing(first, second)
+        end = first.coordinates(apex)[0] - first.along[-1]
+        start = second.coordinates(apex)[0] - second.along[0]
+        if max(abs(end), abs(start)) < NEAR:
+            found.append((k, apex))
+    return found
 
 
 def is_bent(first: Run, second: Run) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy import ndarray
 from numpy.random import Generator
 
-from profilecal.geometry.poses import Frames, carry, rotations
+from profilecal.geometry.poses import Frames, carry, directions, rotations
 from profilecal.targets import TARGETS
 from profilecal.targets.observations import Observations, State
 from profilecal.targets.target import Target, Views
@@ -158,6 +158,5 @@ def random_scene(
 
 def in_unit_ball(rng: Generator, count: int) -> ndarray:
     """Points (count, 3), uniform in the unit ball."""
-    vectors = rng.normal(size=(count, 3))
-    radii = np.cbrt(rng.uniform(size=(count, 1)))
-    return vectors * radii / np.linalg.norm(vectors, axis=1, keepdims=True)
+    towards = directions(rng, (count,))
+    return towards * np.cbrt(rng.uniform(size=(count, 1)))
