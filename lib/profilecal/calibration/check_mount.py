@@ -238,8 +238,8 @@ def moves_after(
     normal = model.posterior(np.square([sizes])).products - rest
     values, vectors = np.linalg.eigh(V)
     L = vectors * np.sqrt(np.maximum(values, 0))
-    pick = np.eye(model.n + 1, model.n)  # A, of the columns [A | r]
+    pick = np.eye(model.p + 1, model.p)  # A, of the columns [A | r]
     shifted = np.append(mean, 1)  # r + A x̄
     columns = np.c_[pick @ L, pick[:, : len(units)] * units, shifted]
-    steps = slice(model.n, model.n + len(units))
-    return evidence(columns.T @ normal @ columns, np.eye(model.n), steps)
+    steps = slice(model.p, model.p + len(units))
+    return evidence(columns.T @ normal @ columns, np.eye(model.p), steps)

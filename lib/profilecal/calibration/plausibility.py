@@ -66,7 +66,7 @@ def systematic_tests(solution: Solution) -> list[Finding]:
     problem = solution.problem
     tried = [*OF_SCANNER, *of_target(problem.targets), *robot_patterns(problem)]
     model, posterior = solution.model(tried)
-    n, (normal,) = model.n - len(tried), posterior.normal
+    n, (normal,) = model.p - len(tried), posterior.normal
     with np.errstate(invalid="ignore", divide="ignore"):
         says = evidence(normal, model.precision[:n, :n], slice(n, None))
         corrections, sds = says.each()

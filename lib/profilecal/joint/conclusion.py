@@ -21,7 +21,8 @@ from profilecal.joint.solution import Solution
 from profilecal.targets.observations import State
 
 UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
-# χ² of the six unknowns of a sensor pose: rarely more, and of one that is another
+# χ² of the six unknowns of a sensor pose: the true one rarely has more than
+# RARE_SQUARE, and what has more than OTHER_SQUARE is another sensor pose
 RARE_SQUARE = 12.0
 OTHER_SQUARE = 50.0
 
@@ -57,14 +58,15 @@ def conclude(estimated: Estimate, prior: Prior, candidates: State) -> Solution:
 
 
 def at_the_mean(estimated: Estimate, prior: Prior) -> Solution:
-    """The solution where an estimate has the mean of all unknowns, as if its covariance
-    said all.
+    """The solution at the mean of all unknowns of an estimate, with the status that its
+    covariance alone gives.
     """
     model, sizes = estimated.model, estimated.error_sizes
     posterior = model.posterior(sizes.median_v[None])
     problem, state = estimated.problem.after_step(estimated.state, sizes.mean)
     n, chi2 = problem.n, float(posterior.square[0])
-    square = sum(chi2_left_out(model, posterior)) / np.maximum(model.counts, 1)
+    of_flange, of_rest = chi2_left_out(model, posterior)
+    square = (of_flange + of_rest) / problem.counts_or_1
     dof = max(int(model.counts[model.kept].sum()) - n, 1)
     enlargement, messages = enlargement_by_misfit(prior, chi2, dof)
     sizes = sizes.enlarged_by(enlargement)
@@ -104,8 +106,8 @@ def enlargement_by_misfit(
 
 
 def twin(solution: Solution, candidates: State) -> list[str]:
-    """A sentence on another sensor pose that fits as well, if there is one: whose χ² is
-    no larger than it rarely is at the true one.
+    """A sentence on another sensor pose that fits as well, if there is one. It fits as
+    well if its χ² is no larger than χ² at the true sensor pose ever is, but rarely.
     """
     problem = solution.problem
     largest = solution.chi2 + RARE_SQUARE * max(1.0, solution.chi2_per_dof)
@@ -113,6 +115,7 @@ def twin(solution: Solution, candidates: State) -> list[str]:
         pairs = zip(problem.observations, solution.kept, strict=True)
         kept = problem.of(seen.keep(own) for seen, own in pairs)
         other = refine(kept, candidates[[k]], tolerance=ROUGHLY).state
+        # the model there, as if the other sensor pose were the solution
         _, posterior = replace(solution, state=other).model()
         other = problem.move(other, posterior.mean[:, : problem.n])
         (error,), is_another = errors_if_right(solution, other)
@@ -127,8 +130,8 @@ def twin(solution: Solution, candidates: State) -> list[str]:
 
 
 def errors_if_right(solution: Solution, others: State) -> tuple[ndarray, ndarray]:
-    """Errors (B, 6) of a solution if other sensor poses are right, and whether each of
-    these is another, (B,).
+    """Errors (B, 6) that a solution has if other sensor poses are right, and whether
+    each of these (B,) is too far from the solution to be the same sensor pose.
     """
     theirs = others.rotation, others.translation
     errors = pose_error(solution.rotation, solution.translation, *theirs)

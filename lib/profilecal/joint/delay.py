@@ -2,12 +2,14 @@
 in motion: the robot's clock less the scanner's.
 
 A profile of time t is seen from the pose that the log has at t + τ. The linear model
-has τ among its unknowns (`prior.DELAY`), but a search and a rejection of bad profiles
-do not know it: at 150 mm/s, 150 ms are 22 mm. So it is first looked for by itself.
+has τ among the errors considered (`prior.DELAY`), but a search and a rejection of bad
+profiles do not know τ: at 150 mm/s, 150 ms are 22 mm. So `roughly` first looks for τ by
+itself.
 
 τ stays open where the flange's twist is, in all profiles, that of one screw in the base
-or one in the flange: ξ_base + Ad(T) ξ_flange. The first shifts the target, which does
-no harm; the second shifts the sensor. Whether the sensor is known tells which.
+or one in the flange: ξ_base + Ad(T) ξ_flange. A screw in the base shifts the target,
+which does no harm; one in the flange shifts the sensor. Whether the sensor is known
+tells which of the two it is.
 """
 
 from collections.abc import Sequence
@@ -39,8 +41,8 @@ def roughly(problem: Problem, starts: Sequence = ()) -> float:
     fit best: at the best of several delays, and from there downhill. `starts`: as
     `solve` takes them.
 
-    What counts is Cauchy's loss over the residuals that most profiles have there, and
-    the square of the delay over what it may be.
+    The loss of a delay is Cauchy's loss of the residuals, over the square of those that
+    most profiles have at the best delay, plus the square of the delay over DELAY_S.
     """
     few = problem.of(thin(seen, FEW) for seen in problem.observations)
     fits, units = [], []
@@ -58,7 +60,7 @@ def roughly(problem: Problem, starts: Sequence = ()) -> float:
         fit = refine(later, state, scale=unit, iterations=20, tolerance=ROUGHLY)
         return fit.loss[0] / scale**2 + (delay / DELAY_S) ** 2
 
-    best = int(np.argmin(list(map(loss, TRIED, fits))))
+    best = np.argmin(list(map(loss, TRIED, fits)))
     step = TRIED[1] - TRIED[0]
     around = TRIED[best] - step, TRIED[best] + step
     found = minimize_scalar(
@@ -68,36 +70,47 @@ def roughly(problem: Problem, starts: Sequence = ()) -> float:
 
 
 def verdict(solution: Solution) -> tuple[str, Spectrum, list[str]]:
-    """What becomes of a sensor pose by a delay that is known no better, if anything was
-    seen in motion: its status; how well it would be known if the delay were; and what a
-    person should know, and do.
+    """The status of a sensor pose, the spectrum to explain it by, and sentences for a
+    person, where the delay of what was seen in motion may be known too roughly.
 
-    With the covariance c of pose and delay, which has the variance s², a known delay
-    leaves the pose's covariance C - c cᵀ / s². By c / s a standard deviation of the
-    delay moves the pose; it does harm where that is more than is known of the pose
-    otherwise. An open delay then makes "ok" "weak", and "weak" "unobservable", however
-    slow the motion.
+    With the covariance c of pose and delay, and the variance s² of the delay, a known
+    delay would leave the pose's covariance C - c cᵀ / s². A standard deviation of the
+    delay `moves` the pose by c / s. The delay `harms` where that is more than would be
+    known of the pose otherwise. It is `to_blame` where it alone takes the worst
+    direction of the pose over a limit of the status.
+
+        delay                     status              spectrum           sentence
+        open, harms               one step worse      with known delay   what to drive
+        open, harmless            as it was           with known delay   it is harmless
+        not open, but to blame    as it was           with known delay   what to drive
+        not open, not to blame    as it was           as it was          none
+
+    One step worse is "weak" for "ok", and "unobservable" for "weak", however slow the
+    motion. Where the delay is not open, the status says already what it leaves unknown.
+    Where nothing moved, all is as it was.
     """
-    status, known = solution.status, solution.observability
+    status, as_it_was = solution.status, solution.observability
     clock = solution.problem.clock
     if clock is None:
-        return status, known, []
+        return status, as_it_was, []
     sd_s = solution.delay_sd_s
     moves = solution.error_sizes.covariance[:6, clock] / sd_s
-    C = known.covariance - np.outer(moves, moves)
-    others = of_covariance(C, known.rank, known.parameters)
+    C = as_it_was.covariance - np.outer(moves, moves)
+    with_known = of_covariance(C, as_it_was.rank, as_it_was.parameters)
     is_open = sd_s > DELAY_S / 2
-    harms = normalised_square(others.covariance, moves) > 1
-    to_blame = others.sd[0] < WEAK <= known.sd[0] or others.sd[0] < 1 <= known.sd[0]
+    harms = normalised_square(with_known.covariance, moves) > 1
+    # standard deviations along the worst direction, over those by hand
+    worst, worst_if_known = as_it_was.sd[0], with_known.sd[0]
+    to_blame = worst_if_known < WEAK <= worst or worst_if_known < 1 <= worst
     most_ms = 1e3 * min(sd_s, DELAY_S)
     delay = f"the delay between the clocks of robot and scanner (± {most_ms:.3g} ms)"
     if is_open and harms:
         status = "weak" if status == "ok" else "unobservable"
     elif is_open:
         harmless = f"these motions leave {delay} open, which does not move the sensor"
-        return status, others, [harmless]
+        return status, with_known, [harmless]
     elif not to_blame:
-        return status, known, []
+        return status, as_it_was, []
     in_units = moves / HAND_PRECISION
     length = float(np.linalg.norm(in_units))
     direction = in_units / length
@@ -107,4 +120,4 @@ def verdict(solution: Solution) -> tuple[str, Spectrum, list[str]]:
         f"{what} is known only to {size}, because the motions leave {delay} open: "
         "drive the same sweeps backwards, or stop at eight places"
     )
-    return status, others, [sentence]
+    return status, with_known, [sentence]

@@ -18,11 +18,13 @@ ROUGHLY = 1e-6  # tolerance of refinements
 # 60 rotations: any rotation is within 45° of one of them
 GRID = Rotation.create_group("I").as_matrix()
 START_ROTATIONS = Rotation.create_group("T").as_matrix()  # 12
-HOPELESS = 100.0  # times the noise, or the best loss
-KEPT = 6  # starts that all poses are looked at from
+# a loss per residual, 1 for residuals as large as the noise; or as many times the best
+# loss: residuals of ten noise levels, or ten times as large
+HOPELESS = 100.0
+KEPT = 6  # starts of the least squares over all poses
 AGREEING = 5  # starts of a coarse grid that settle a search
 # Rounds of a search: how many steps, how many states are kept after them, and how many
-# times the best loss those may have.
+# times the best loss these states may have.
 SEARCH_ROUNDS = [(6, 24, 10 * HOPELESS), (8, 10, 10 * HOPELESS), (16, KEPT, HOPELESS)]
 
 
@@ -47,7 +49,7 @@ def refine(
     and so on.
 
     Ends where a step is below `tolerance` (rad, and a hundred times that in mm) or
-    promises less than rounding.
+    promises to lower the loss by less than rounding.
     """
     B = len(state.rotation)
     factor = np.full(B, damping)
@@ -59,8 +61,8 @@ def refine(
             step, promise = damped_step(here.normal, factor)
             small = reach(step) < tolerance
             trial = problem.move(here.state, step, anew)
-            # a small last step is taken without another look: what the fit has beside
-            # the state is from before it
+            # a small last step is taken without another look: the loss and the normal
+            # equations of the fit are those before that step
             here = replace(here, state=trial.where(small & ~done, here.state))
             rounding = promise <= 1e-14 * here.loss
             done |= small | rounding
@@ -123,20 +125,24 @@ def search(problem: Problem, starts: Sequence = ()) -> State:
 
 
 def few_poses(problem: Problem, count: int) -> Problem:
-    """The problem of about `count` poses of each target, by distances in space."""
+    """The problem of about `count` poses of each target, by distances in space. A
+    search needs nothing that is known beforehand of the mount or of systematic errors.
+    """
     few = [thin(seen, count) for seen in problem.observations]
     return Problem(few, problem.noise, in_space=True)
 
 
 def started(problem: Problem, grid: ndarray, starts: Sequence = ()) -> State:
-    """The states of the starts, and those of a grid of rotations, at the flange."""
+    """The states of the starts, and those of a grid of rotations with the sensor at the
+    origin of the flange.
+    """
     R, T = zip(*starts, *((R, np.zeros(3)) for R in grid), strict=True)
     return problem.place(np.array(R), np.array(T))
 
 
 def onward(problem: Problem, state: State, steps: int) -> Fit:
-    """Where that many steps lead, best first. After each, targets are placed anew where
-    that is best (variable projection; Golub and Pereyra 1973).
+    """Where that many steps lead, best first. After each step, targets are placed anew
+    where that is best (variable projection; Golub and Pereyra 1973).
     """
     fits = refine(problem, state, iterations=steps, damping=1e-3, anew=True)
     return fits.best_first
@@ -144,8 +150,9 @@ def onward(problem: Problem, state: State, steps: int) -> Fit:
 
 def search_among_outliers(problem: Problem, found: State) -> State:
     """Sensor poses worth refining where a part of the data is wrong, beside what
-    `search` found: rotation k of the grid looks at selection k of groups of poses
-    alone, and some of these hold no bad one. The medians of all residuals tell which.
+    `search` found. Rotation k of the grid looks at selection k of groups of poses
+    alone, and some selections hold no bad pose. The states that fit most of twice as
+    many poses as in a search are the ones worth refining.
     """
     selections = [few_groups(seen, len(GRID)) for seen in problem.observations]
     subsets = Problem(selections, problem.noise, in_space=True)
@@ -157,9 +164,9 @@ def search_among_outliers(problem: Problem, found: State) -> State:
 
 
 def reweighted(problem: Problem, state: State, rounds: int) -> Fit:
-    """Fits by Cauchy's loss, the one with the least residuals of most poses first. Its
-    unit is what these are, anew in each of some rounds: each weighs bad poses down
-    further.
+    """Fits by Cauchy's loss, the one with the least residuals of most poses first. The
+    unit of the loss is how large the residuals of most poses are, anew in each round,
+    so that each round weighs bad poses down further.
     """
     fits = problem.moments(state)
     for _ in range(rounds):
@@ -187,14 +194,15 @@ def few_groups(observations: Observations, count: int) -> Observations:
     """A batch of `count` different selections of about a dozen poses of the first
     problem, each from few groups.
     """
-    # poses of a selection, and of one group in it: few enough to be lucky
+    # how many poses a selection has, and how many of one group: few enough for some
+    # selections to have no bad pose
     most, most_of_group = 12, 3
-    # no caller's: the same observations always have the same answer
+    # not the caller's generator: the same observations always have the same answer
     rng = np.random.default_rng(0)
     group = observations.labels
     P = len(group)
-    # Poses draw places in their group. Those of the first few places come first, one
-    # group after the other as these draw lots; then those of the next few places.
+    # Poses draw places in their group. They are in the order of their rounds, place //
+    # most_of_group, and within a round in a random order of the groups.
     place = rng.random((count, P)) * np.bincount(group)[group]
     order = place // most_of_group + rng.random((count, P))[:, group]
     chosen = np.argsort(order, axis=1)[:, :most]

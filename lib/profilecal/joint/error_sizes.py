@@ -6,8 +6,12 @@ orientation, are variance components of the linear model at the solution. Its re
 likelihood says how well errors of any sizes explain the residuals. Beforehand each size
 has its law (`prior`); now and then a robot's errors are smooth alone, and where less
 is stated than is usual, the usual is as likely. Few poses leave the sizes open.
-The answer is therefore its average over all sizes, as likely as data and prior make
-them, and its region is one that holds over all of them.
+The answer is therefore the average of the answers for all sizes, weighted as likely as
+data and prior make these sizes, and its region is one that holds over all sizes.
+
+In shapes, x has n + c entries: the n unknowns of `Problem`, and the c errors considered
+(`linear_model`, where p = n + c, as no errors are tried). 1 + k is how many sizes there
+are, the scanner's first, d how many of them are not known, and S how many draws.
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,17 +31,21 @@ from profilecal.joint.restricted_likelihood import gradient
 from profilecal.targets.observations import Batch
 
 SMOOTH_ALONE = 0.1  # odds that the robot's errors are smooth in the pose alone
-POOR = 0.1  # odds that one error of scanner or target is POORER times the usual; or all
+# odds of each belief that an error of scanner or target is POORER times the usual, and
+# of the belief that all are
+POOR = 0.1
 POORER = 10.0
-LITTLE = 0.01  # odds that such a belief needs to count
+LITTLE_ODDS = 0.01  # odds that a belief needs to count
 DRAWS = 32  # sizes looked at
 TAILS = 4.0  # degrees of freedom of the t law that they are drawn from
 # coordinates of a normal law, one for each fortieth
 NORMAL = ndtri((np.arange(40) + 0.5) / 40)
 START_SIZES = np.linspace(-2.5, 1.5, 6)  # where the search of the likeliest begins
-FARTHEST = 5.0  # the likeliest coordinates are sought up to here
-PROMISE = 1e-3  # of the log density: a step to the likeliest that is not looked at
+FARTHEST_COORDINATE = 5.0  # the likeliest coordinates are sought up to here
+PROMISE = 1e-3  # of the log density: a step that promises less is the last
 MOST_STEPS = 30  # to the likeliest coordinates
+LEAST_CURVATURE = 0.5  # of the log density; the prior's is 1
+LONGEST_STEP = 1.5  # of a coordinate
 STEP = 1e-4  # of coordinates, for the derivatives of variances
 FROM_DATA = 0.6  # coordinates that spread by less than this are known from the data
 
@@ -55,31 +63,34 @@ class Size:
 
 @dataclass(frozen=True)
 class ErrorSizes:
-    """The sizes of all errors, and what is known of x (n,) if they are not known any
-    better. χ² is looked at with the medians, covariances count with the means.
+    """The sizes of all errors, and what is known of x (n + c,) if the sizes are not
+    known any better. χ² is looked at with the median variances, covariances with the
+    mean variances.
     """
 
     sizes: tuple[Size, ...]
     median_v: ndarray  # (1 + k,) of the variances
     mean_v: ndarray  # (1 + k,) of the variances
-    mean: ndarray  # (n,)
-    covariance: ndarray  # (n, n), enlarged, with bends
-    enlarged: float  # by this factor, for its region to hold over all sizes
+    mean: ndarray  # (n + c,) of x
+    covariance: ndarray  # (n + c, n + c) of x, enlarged, with bends
+    # the factor by which the covariance is enlarged, for its region to hold over all
+    # sizes
+    enlarged: float
     # degrees of freedom, at most 1000, with which all errors together are known, 100 mm
     # from the flange
     freedom: float
-    poor: ndarray  # (n,) the chance that an error is POORER times the usual
+    poor: ndarray  # (n + c,) the chance that an error is POORER times the usual
 
     @property
     def of_robot(self) -> dict[str, float]:
-        """The robot's, roots of the variances' mean, by name."""
+        """The sizes of the robot's errors, roots of the mean variances, by name."""
         names = [size.name for size in self.sizes[1:]]
         return dict(zip(names, np.sqrt(self.mean_v[1:]).tolist(), strict=True))
 
     def enlarged_by(self, factor: float) -> "ErrorSizes":
         """The same with a covariance so many times as large."""
-        covariance, enlarged = factor * self.covariance, factor * self.enlarged
-        return replace(self, covariance=covariance, enlarged=enlarged)
+        covariance = factor * self.covariance
+        return replace(self, covariance=covariance, enlarged=factor * self.enlarged)
 
 
 @dataclass(frozen=True)
@@ -87,10 +98,11 @@ class Likeliest:
     """The likeliest sizes of errors."""
 
     y: ndarray  # (d,) their coordinates
-    # (d, d) of the inverse curvature there, the symmetric one: it does not depend on
+    # (d, d) the symmetric root of the inverse curvature there: it does not depend on
     # the sign and the order that eigenvectors happen to have
     root: ndarray
-    posterior: Posterior  # where they were looked at last: there, or nearly
+    # at the last coordinates looked at: y, or the ones before the last small step
+    posterior: Posterior
     # of all sizes together, as if their density were normal (Laplace)
     log_evidence: float
 
@@ -99,21 +111,23 @@ def likeliest(model: LinearModel, law: Law, y: ndarray | None = None) -> Likelie
     """The likeliest sizes, by Newton's method from some coordinates `y` (d,), or from
     the best of several that all errors of the robot have.
 
-    The log density of the coordinates is, with the log evidence L of the variances v
+    The log density of the coordinates is, with the log evidence ℓ of the variances v
     and the standard normal prior, but for a constant
 
-        h(y) = L(v(y)) - yᵀ y / 2
+        h(y) = ℓ(v(y)) - yᵀ y / 2
 
-    With the gradient g of L and its average information I, where v'' is diagonal,
+    With the gradient g of ℓ and its average information I, where v'' is diagonal,
 
         ∂h/∂y = g v' - y        -∂²h/∂y² ≈ v' I v' + 1 - g v''
 
-    Curvatures of less than a half of the prior's are taken for a half. Ends where a
-    step promises less than PROMISE of h; steps that lower h are halved. No step
-    changes a coordinate by more than 1.5.
+    Curvatures of less than LEAST_CURVATURE are taken for that. No step changes a
+    coordinate by more than LONGEST_STEP; steps that lower h are halved. The last step
+    is the first one that promises less than PROMISE of h: h and the curvature are then
+    those before it.
     """
     if y is None:
-        some = np.outer(START_SIZES, law.free > 0)  # number 0 is the scanner's noise
+        # `free` are numbers of sizes: 0, the scanner's, starts at its scale
+        some = np.outer(START_SIZES, law.free > 0)
         heights = log_density(model.posterior(law.variances(some)), some)
         y = some[np.argmax(heights)]
 
@@ -131,11 +145,11 @@ def likeliest(model: LinearModel, law: Law, y: ndarray | None = None) -> Likelie
         g, information = (part[..., law.free] for part in gradient(model, posterior))
         information = slope[:, None] * information[law.free] * slope
         values, vectors = np.linalg.eigh(information + np.diag(1 - g * bend))
-        values = np.maximum(values, 0.5)
+        values = np.maximum(values, LEAST_CURVATURE)
         uphill = g * slope - y
         step = vectors @ (vectors.T @ uphill / values)
-        step *= 1.5 / np.abs(step).max(initial=1.5)
-        step = np.clip(y + step, -FARTHEST, FARTHEST) - y
+        step *= LONGEST_STEP / np.abs(step).max(initial=LONGEST_STEP)  # or shorter
+        step = np.clip(y + step, -FARTHEST_COORDINATE, FARTHEST_COORDINATE) - y
         if uphill @ step / 2 < PROMISE:
             y = y + step
             break
@@ -160,8 +174,9 @@ def draw(
         y = ŷ + R (s ∘ z),    z ~ t law of ν degrees of freedom
 
     about the likeliest coordinates ŷ, R the `root`. Along each column R_i the draws
-    are, in either direction, as wide as the density is one standard deviation off (Rue,
-    Martino and Chopin 2009): were h a parabola, h(ŷ) - h(ŷ ± R_i) = 1 / (2 s²), so
+    have, in either direction, the width that the density one standard deviation off
+    tells (Rue, Martino and Chopin 2009): were h a parabola of width s,
+    h(ŷ) - h(ŷ ± R_i) = 1 / (2 s²), so
 
         s_i± = (2 (h(ŷ) - h(ŷ ± R_i)))^(-1/2),  at most 3
 
@@ -218,10 +233,10 @@ class Weighed(Batch):
     """
 
     log_weight: ndarray  # (N,)
-    x: ndarray  # (N, n)
-    covariance: ndarray  # (N, n, n)
+    x: ndarray  # (N, n + c)
+    covariance: ndarray  # (N, n + c, n + c)
     v: ndarray  # (N, 1 + k)
-    poor: ndarray  # (N, n) which errors are believed to be POORER times the usual
+    poor: ndarray  # (N, n + c) which errors are believed POORER times the usual
 
 
 class Belief(NamedTuple):
@@ -229,13 +244,13 @@ class Belief(NamedTuple):
 
     law: Law
     y: ndarray  # (S, d) coordinates drawn
-    # of them; again and again, for all that is believed of scanner and target
+    # what follows from the S draws, once for each belief about scanner and target
     weighed: Weighed
 
 
 def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
-    """What is known over all sizes that data and prior allow, of which the likeliest
-    are known.
+    """What is known over all sizes that data and prior allow. `likely`: the likeliest
+    ones.
 
     Each belief about the errors has its draws, whose weights count as the belief's odds
     (`draw`). Of all draws together, with weights w that add up to one, x has the mean
@@ -243,8 +258,8 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
 
         x̄ = Σ w x̂        Σ w (V + (x̂ - x̄) (x̂ - x̄)ᵀ)
 
-    The covariance is then enlarged until its region holds over all sizes (`growth`);
-    what it owes to bends of smooth errors is added.
+    The covariance is then enlarged until its region holds over all sizes (`growth`),
+    and the covariance by bends of smooth errors is added.
     """
     law = prior.law(model.names)
     beliefs = [of_scanners(model, law, likely), *of_robots(model, prior, law, likely)]
@@ -260,7 +275,7 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     units = np.r_[prior.scales.profile_mm, np.ones(len(model.names))]
     sizes = sizes_of(beliefs, names, units)
     medians = np.array([size.middle for size in sizes]) / units
-    # smooth errors are no fresh ones
+    # smooth errors do not count here: they are not drawn anew at each pose
     sizes_mm = units * [in_mm(name) * (name != SMOOTH) for name in names]
     together = draws.v @ sizes_mm**2
     mean_v = w @ draws.v
@@ -281,21 +296,24 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
 def sizes_of(
     beliefs: Sequence[Belief], names: Sequence[str], units: ndarray
 ) -> tuple[Size, ...]:
-    """How large the errors of these names are, in their `units` (1 + k,): by each
-    belief a normal law of their coordinates, of the mean and the spread of its draws,
-    for so few draws have no tails; and each belief has its share.
+    """How large the errors of these names are, in their `units` (1 + k,).
+
+    By each belief, the coordinate of a size has a normal law of the mean and the spread
+    of its draws, because so few draws have no tails. Each of NORMAL stands for an equal
+    part of that law, and each belief has its share.
     """
     believed, log_share, spreads = [], [], []
     for law, y, weighed in beliefs:
+        # of each draw, over all beliefs about scanner and target, in `Weighed`'s order
         log_weight = np.logaddexp.reduce(weighed.log_weight.reshape(-1, len(y)))
         of_draw = softmax(log_weight)
         centre = of_draw @ y
         spread = np.zeros(len(law.scales))
         spread[law.free] = np.sqrt(of_draw @ (y - centre) ** 2)
         spreads.append(spread)
-        y = centre + spread[law.free] * NORMAL[:, None]
-        believed.append(units * np.sqrt(law.variances(y)))
-        log_share += [np.logaddexp.reduce(log_weight)] * len(y)
+        quantiles = centre + spread[law.free] * NORMAL[:, None]
+        believed.append(units * np.sqrt(law.variances(quantiles)))
+        log_share += [np.logaddexp.reduce(log_weight)] * len(NORMAL)
     share = softmax(log_share)
 
     sizes = []
@@ -311,16 +329,17 @@ def sizes_of(
 
 
 def of_scanners(model: LinearModel, law: Law, likely: Likeliest) -> Belief:
-    """By the usual belief, and by those that one error of scanner or target, or all of
-    them, are POORER times as large. What the residuals speak against is left out.
+    """What follows by the belief that all errors of scanner and target are as usual,
+    and by the beliefs that one of them, or all, are POORER times as large. Beliefs that
+    the residuals speak against are left out.
 
-    The draws are those of the likeliest belief. They do for the others: how much the
-    data favour a poor scanner hardly hangs on the sizes.
+    The draws are those of the likeliest belief. They serve the others, too: how much
+    the data favour a poor scanner hardly depends on the sizes.
     """
-    one_poor = np.eye(model.n)[model.may_be_poor]
+    one_poor = np.eye(model.p)[model.may_be_poor]
     all_poor = one_poor.sum(axis=0, keepdims=True)
-    # (B, n) 1 where an error is POORER times the usual: of none, first, of each, and of
-    # all, which is the same where there is one
+    # (B, n + c) 1 where an error is POORER times the usual: for none of them, which
+    # stands first, for each, and for all, which is one belief where there is one error
     poor = np.unique(np.concatenate([0 * all_poor, one_poor, all_poor]), axis=0)
     log_odds = np.log(np.where(poor.any(axis=1), POOR, 1.0))
     at_peak = log_odds + model.rescaled(likely.posterior, POORER**poor)[0][:, 0]
@@ -330,17 +349,17 @@ def of_scanners(model: LinearModel, law: Law, likely: Likeliest) -> Belief:
         precision = model.precision / np.outer(times, times)
         model = replace(model, precision=precision)
         likely = likeliest(model, law, likely.y)
-    counts = at_peak > at_peak.max() + np.log(LITTLE)
+    counts = at_peak > at_peak.max() + np.log(LITTLE_ODDS)
     poor, log_odds = poor[counts], log_odds[counts]
-    # what the evidence leaves out: log |Π| / 2 is lower by log POORER for each error
-    # that the model now has so large
+    # the log evidence is without log |Π| / 2, which is lower by log POORER for each
+    # error that the model now has so large
     log_odds = log_odds - np.log(POORER) * best.sum()
     log_weight, y, posterior = draw(model, law, likely)
     gain, x, V = model.rescaled(posterior, POORER ** (poor - best))
     weighed = Weighed(
         log_weight=(log_weight + gain + log_odds[:, None]).ravel(),
-        x=x.reshape(-1, model.n),
-        covariance=V.reshape(-1, model.n, model.n),
+        x=x.reshape(-1, model.p),
+        covariance=V.reshape(-1, model.p, model.p),
         v=np.tile(posterior.v, (len(poor), 1)),
         poor=poor.repeat(len(y), axis=0),
     )
@@ -348,22 +367,23 @@ def of_scanners(model: LinearModel, law: Law, likely: Likeliest) -> Belief:
 
 
 def of_robots(
-    model: LinearModel, prior: Prior, usual: Law, likely: Likeliest
+    model: LinearModel, prior: Prior, main: Law, likely: Likeliest
 ) -> Iterator[Belief]:
-    """Where the robot is believed to err smoothly alone, or to err as usual where less
-    is stated; without what the data speak against.
+    """What follows by the rivals of the belief in `prior`, whose law is `main` with the
+    likeliest sizes `likely`: that the robot errs smoothly alone, and that it errs as
+    usual where less is stated. Rivals that the data speak against are left out.
     """
     if not model.names or prior.robot_known:
         return
-    rivals = [(model.without_robot(), prior.without_robot, SMOOTH_ALONE)]
+    rivals = [(model.without_fresh(), prior.without_robot, SMOOTH_ALONE)]
     if prior.usual:
         rivals.append((model, prior.usual, 1.0))
     for other, belief, odds in rivals:
         law = belief.law(model.names)
         start = np.zeros(len(law.scales))
-        start[usual.free] = likely.y
+        start[main.free] = likely.y
         own = likeliest(other, law, start[law.free])
-        if odds * np.exp(own.log_evidence - likely.log_evidence) < LITTLE:
+        if odds * np.exp(own.log_evidence - likely.log_evidence) < LITTLE_ODDS:
             continue
         log_weight, y, posterior = draw(other, law, own)
         weighed = Weighed(
@@ -380,11 +400,12 @@ def growth(squared_errors: ndarray, weight: ndarray) -> float:
     """How much larger than its mean the covariance of the sensor pose has to be for its
     region to hold over all sizes, but for a chance FALSE_ALARM.
 
-    Mean squared errors Q (S, 6, 6) have the weights w (S,) and the mean C = Σ w Q. By
-    one Q, the error squared over C has the mean a = tr C⁻¹Q and the variance 2 b, b =
-    tr (C⁻¹Q)². It is taken for a multiple b/a of χ² with a²/b degrees of freedom
-    (Satterthwaite 1946). The factor c enlarges C until, on average over w, the chance
-    that it exceeds c times the limit of χ² with six degrees of freedom is FALSE_ALARM.
+    Mean squared errors Q (S, 6, 6) have the weights w (S,) and the mean C = Σ w Q. If
+    one Q is true, the squared error over C, e² = εᵀ C⁻¹ ε, has the mean a = tr C⁻¹Q and
+    the variance 2 b, b = tr (C⁻¹Q)². It is taken for b/a times χ² with a²/b degrees of
+    freedom (Satterthwaite 1946). The factor is the one at which, on average over w, the
+    chance that e² exceeds the factor times the limit of χ² with six degrees of freedom
+    is FALSE_ALARM.
     """
     mean = np.tensordot(weight, squared_errors, 1)
     ratio = np.linalg.solve(mean, squared_errors)

@@ -23,8 +23,8 @@ MANY = 0.1  # of the poses: if more contradict a robust fit, it is searched for 
 
 
 def least_squares(problem: Problem, state: State) -> Fit:
-    """Fits by least squares, best first: after five steps those that are far from any
-    answer and doubles are dropped, the others go on to the end.
+    """Fits by least squares, best first. After five steps, doubles and fits that are
+    far from any answer are dropped; the others go on to the end.
     """
     fits = refine(problem, state, iterations=5, tolerance=ROUGHLY).best_first
     good = distinct(fits.state[fits.loss <= HOPELESS * fits.loss[0]])
@@ -35,9 +35,10 @@ def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
     """Fits to most of the poses, best first. `usual_mm`: how large residuals usually
     are; 0: nothing says it.
 
-    By least squares where no pose contradicts that and residuals are as usual; else by
-    Cauchy's loss; and after another search among its fits where these leave many poses
-    that contradict, or large residuals: many bad poses hide each other.
+    The fits are `fits`, by least squares, where no pose contradicts the best of these
+    and residuals are as usual; else they are by Cauchy's loss. Many bad poses hide each
+    other: where many poses contradict also the best fit by Cauchy's loss, or its
+    residuals are large, another search comes first.
     """
     if usual_mm and not is_doubtful(problem, fits, usual_mm, 0.0):
         return fits
@@ -45,8 +46,8 @@ def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
     if is_doubtful(problem, by_most, usual_mm, MANY):
         by_most = robust_fit(problem, search_among_outliers(problem, by_most.state))
     agreeing = ~contradicting(problem, by_most, usual_mm)
-    too_few_agree = problem.freedoms[agreeing].sum() <= problem.n
-    if too_few_agree:  # some fit to so few is nearly exact, and says nothing
+    too_few_agree = problem.counts_or_1[agreeing].sum() <= problem.n
+    if too_few_agree:  # a fit to so few poses is nearly exact, and says nothing
         return least_squares(problem, fits.state.join(by_most.state))
     return by_most
 
@@ -61,11 +62,12 @@ def is_doubtful(problem: Problem, fits: Fit, usual_mm: float, share: float) -> b
 
 def contradicting(problem: Problem, fits: Fit, usual_mm: float) -> ndarray:
     """The profiles (profiles,) whose residuals in the best fit chance does not explain,
-    if noise is as large as those of most are, and at least as usual.
+    if the noise is as large as the residuals of most poses, and at least as usual.
 
-    With the mean square q of its k residuals, k q is beyond the limit of χ².
+    With the mean square q of its k residuals, over that noise, k q is beyond the limit
+    of χ².
     """
-    k = problem.freedoms
+    k = problem.counts_or_1
     unit = max(problem.typical(fits)[0], usual_mm / problem.noise.profile_mm)
     limit = chi2_limit(FALSE_ALARM / len(k), k)
     return fits.per_pose[0] * k > unit**2 * limit
@@ -73,7 +75,8 @@ def contradicting(problem: Problem, fits: Fit, usual_mm: float) -> ndarray:
 
 def robust_fit(problem: Problem, state: State) -> Fit:
     """Three fits by Cauchy's loss, best first: those with the least residuals of most
-    poses, with the least of these as the unit of all, for their losses to compare.
+    poses. The unit of Cauchy's loss is the least of these, for all three, so that their
+    losses can be compared.
     """
     fits = reweighted(problem, state, 4)[:3]
     scale = np.full_like(fits.loss, problem.typical(fits).min())
@@ -81,18 +84,20 @@ def robust_fit(problem: Problem, state: State) -> Fit:
 
 
 def is_beyond_robots(problem: Problem, fits: Fit, scale: float) -> bool:
-    """Whether residuals of the best fit are larger than any robot errs, or the answer
-    is open whatever it does, with a scanner's noise that is `scale` times as large as
-    assumed.
+    """Whether residuals of the best fit are larger than the errors of any robot, or the
+    answer is open however exact the robot is, with a scanner's noise that is `scale`
+    times as large as assumed.
     """
     known = spectrum(fits.normal[0, :-1, :-1], problem.units)
-    # ten times worse than measured by hand
+    # the worst direction is ten times worse than measured by hand
     is_open = known.rank < problem.n or known.sd[0] * scale > 10
     return bool(is_open or typical_mm(problem, fits) > largest_error_mm(problem.noise))
 
 
 def largest_error_mm(noise: Noise) -> float:
-    """Of a robot's position, by what is believed of it; what is larger is a mistake."""
+    """The largest error of a robot's position, by what is believed of it; a larger one
+    is a mistake.
+    """
     sizes = noise.steering_mm, noise.position_mm, noise.group_position_mm
     return max(LARGEST_ERROR_MM, 3 * max(sizes))
 

@@ -1,37 +1,39 @@
 """All that is known at a state, to first order, as one linear Gaussian model (a mixed
 model; Henderson 1975):
 
-    r + A x = Σ_k s_k Z_k u_k + e      x ~ N(0, Π⁻¹)   u_k ~ N(0, 1)   e ~ N(0, s_0²)
+    r + A x = Σ_j s_j E_j u_j + e      x ~ N(0, Π⁻¹)   u_j ~ N(0, 1)   e ~ N(0, s_0²)
 
 r are the residuals and A their derivatives, both over the scanner's noise. x are steps
-of the unknowns: the sensor pose, the targets, and systematic errors, which Π knows to
-be about zero (considered parameters; Schmidt 1966). u_k are errors of size s_k that the
-profiles of one visit, commanded pose or orientation share: of the flange, in mm or
-degrees, or of time, in ms; or the coefficients of the robot's smooth errors (`smooth`),
-which all share. s_0 is the scanner's noise over the assumed one. With the variances
-v = s², M_0 = 1 and M_k = Z_k Z_kᵀ,
+of the unknowns, which are the sensor pose and the targets, and of the systematic errors
+considered, which Π knows to be about zero (Schmidt 1966). u_j are errors of size s_j
+that the profiles of one visit, commanded pose or orientation share: of the flange, in
+mm or degrees, or of time, in ms; or the coefficients of the robot's smooth errors
+(`smooth`), which all profiles share. E_j says how they move the residuals. s_0 is the
+scanner's noise over the assumed one. With the variances v = s², M_0 = 1 and
+M_j = E_j E_jᵀ,
 
-    C = Σ_k v_k M_k        H = Aᵀ C⁻¹ A + Π        V = H⁻¹        x̂ = -V Aᵀ C⁻¹ r
+    C = Σ_j v_j M_j        H = Aᵀ C⁻¹ A + Π        V = H⁻¹        x̂ = -V Aᵀ C⁻¹ r
     P = C⁻¹ - C⁻¹ A V Aᵀ C⁻¹
 
 V is the covariance of x and x̂ its mean. P is the precision of r where x is integrated
 out, (C + A Π⁻¹ Aᵀ)⁻¹ by Woodbury's identity.
 
-It answers what is known of x (`posterior`), also where systematic errors may be larger
-(`rescaled`) or smooth ones bend (`by_bends`); how far profiles are from what the others
-say (`left_out`); and N = [A | r]ᵀ C⁻¹ [A | r], by which a further error is looked at
-(`calibration.evidence`). `restricted_likelihood` says how likely the variances are.
+The model answers what is known of x (`posterior`), also where systematic errors may be
+larger (`rescaled`) or smooth errors bend (`by_bends`); how far profiles are from what
+the others say (`left_out`); and N = [A | r]ᵀ C⁻¹ [A | r], by which a further error is
+looked at (`calibration.evidence`). `restricted_likelihood` says how likely the
+variances are.
 
-What residuals say beside the errors of their flange, the `rest`, has C = v_0. That of
-the other rows is factored by its structure (`nested_errors`). Smooth errors, by columns
-B, are the last to be integrated out, all at once: they stand among the columns, Z =
-[B | A | r], with the precision 1 / s² of their coefficients, and so before the others
-in a Cholesky factor.
+The rows of the `rest`, which no error of the flange moves, have C = v_0. The C of the
+other rows is factored by its structure (`nested_errors`). Smooth errors are integrated
+out last, all at once: their columns B stand before the others, Z = [B | A | r], with
+the precision 1 / s² of their coefficients, and so come first in a Cholesky factor.
 
-In shapes, n are the columns of A, m those of B, k the errors beside the scanner's
-noise, S the sets of variances that are looked at together, K the residuals of a
-profile, q the most rows of one that speak of the flange, and a the directions of
-errors: 6 of the flange, and that of time.
+In shapes, p is how many columns A has: the n unknowns of `Problem`, the c errors
+considered, and the d errors tried. m is how many columns B has, k how many errors there
+are beside the scanner's noise, S how many sets of variances are looked at together, K
+how many residuals a profile has, q the most rows of a profile that speak of the flange,
+and a how many directions errors have: 6 of the flange, and that of time.
 """
 
 from collections.abc import Sequence
@@ -64,49 +66,52 @@ MS = 1e-3  # s
 class Posterior:
     """What is known of x for S sets of variances.
 
-    It follows from the products N = Zᵀ C⁻¹ Z, Z = [B | A | r], and log |C|, smooth
-    errors left out. L is the Cholesky factor of N, with the precisions 1 / s² and Π of
-    both kinds of unknowns, B's columns times s. Its last row is y, whatever large
-    number stands in the corner. Of the rest of L and y, from m on,
+    It follows from the products N = Zᵀ C⁻¹ Z, Z = [B | A | r], and log |C|, where C is
+    without the smooth errors. With the diagonal S of s for B's coefficients and 1 for x
+    and r, L is the Cholesky factor of
 
-        H = L Lᵀ    x̂ = -L⁻ᵀ y    rᵀ P r = N_rr - Σ y²
+        S N S + diag(1, Π, c)
 
-    and the restricted log likelihood (Patterson and Thompson 1971) is, but for a
-    constant, with all of L's diagonal,
+    c any number that is large enough. The last row of L, but for the corner, is y. With
+    smooth errors integrated out, and L_x and y_x for L and y from place m on,
 
-        -(rᵀ P r + log |C|) / 2 - Σ log L_ii
+        rᵀ P r = N_rr - Σ y²        H = L_x L_xᵀ        x̂ = -L_x⁻ᵀ y_x
+
+    The restricted log likelihood (Patterson and Thompson 1971) is, but for a constant,
+
+        ℓ = -(rᵀ P r + log |C|) / 2 - Σ log L_ii
     """
 
     v: ndarray  # (S, 1 + k)
     m: int
-    products: ndarray  # (m + n + 1, m + n + 1) N of the first set
-    precision: ndarray  # (n, n) Π
-    L: ndarray  # (S, m + n + 1, m + n + 1)
-    square: ndarray  # (S,) rᵀ P r, the χ² of the residuals
-    log_evidence: ndarray  # (S,) of the variances
-    # C of the rows that speak of the flange; for several sets that of the last ones,
-    # for which nobody asks
+    products: ndarray  # (m + p + 1, m + p + 1) N of the first set
+    precision: ndarray  # (p, p) Π
+    L: ndarray  # (S, m + p + 1, m + p + 1)
+    square: ndarray  # (S,) rᵀ P r, the χ² of all residuals
+    log_evidence: ndarray  # (S,) ℓ of the variances
+    # C of the rows that speak of the flange. Only a posterior of one set is asked for
+    # it: of many sets, which are looked at in parts, it is that of the last part.
     factors: Factors
 
     @cached_property
     def root(self) -> ndarray:
-        """(S, n, n) L⁻¹ of x alone."""
-        return inverse(self.L[:, self.m : -1, self.m : -1])
+        """(S, p, p) L_x⁻¹."""
+        return inverse_triangles(self.L[:, self.m : -1, self.m : -1])
 
     @cached_property
     def covariance(self) -> ndarray:
-        """(S, n, n) V."""
+        """(S, p, p) V."""
         return self.root.mT @ self.root
 
     @cached_property
     def mean(self) -> ndarray:
-        """(S, n) x̂."""
+        """(S, p) x̂."""
         y = self.L[:, -1, self.m : -1, None]
         return -(self.root.mT @ y)[..., 0]
 
     @property
     def normal(self) -> ndarray:
-        """(S, n + 1, n + 1) N of [A | r], the smooth errors integrated out."""
+        """(S, p + 1, p + 1) N of [A | r], the smooth errors integrated out."""
         L = self.L[:, self.m :, self.m :]
         normal = L @ L.mT
         normal[:, :-1, :-1] -= self.precision
@@ -115,20 +120,21 @@ class Posterior:
 
     @cached_property
     def whole(self) -> tuple[ndarray, ndarray]:
-        """Of the smooth errors' coefficients and x, for the first set of variances: the
-        mean and a 1 for r (m + n + 1), and the covariance.
+        """The mean of the smooth errors' coefficients and of x, followed by a 1 for r,
+        (m + p + 1,), and the covariance (m + p, m + p), for the first set of variances.
         """
-        (root,) = inverse(self.L[:1, :-1, :-1])
+        (root,) = inverse_triangles(self.L[:1, :-1, :-1])
         root[:, : self.m] *= np.sqrt(self.v[0, -1])
         return np.append(-self.L[0, -1, :-1] @ root, 1.0), root.T @ root
 
     def with_smooth(
         self, mean: ndarray, covariance: ndarray
     ) -> tuple[ndarray, ndarray]:
-        """Mean and covariance where others say what they are of x.
+        """The mean (m + p,) and covariance (m + p, m + p) of the smooth errors'
+        coefficients and of x, if x has another `mean` (p,) and `covariance` (p, p).
 
-        Where x moves by one, all unknowns move by V_•x V_xx⁻¹, as likely as they were;
-        V_xx⁻¹ = H.
+        For each step of x, all of these move by V_•x V_xx⁻¹, where V is their
+        covariance and V_xx⁻¹ = H. What they vary by for a given x stays.
         """
         m, (z, V) = self.m, self.whole
         L = self.L[0, m:-1, m:-1]
@@ -146,22 +152,22 @@ class LinearModel:
     """
 
     E: ndarray  # (profiles, q, a)
-    Y: ndarray  # (profiles, q, n + 1)
-    rest: ndarray  # (profiles, K, n + 1)
+    Y: ndarray  # (profiles, q, p + 1)
+    rest: ndarray  # (profiles, K, p + 1)
     ranks: ndarray  # (profiles,) rows that speak of the flange
     counts: ndarray  # (profiles,) residuals
     nesting: Nesting
     names: tuple[str, ...]  # (k,) of the errors, that of smooth ones last
     unit_variances: ndarray  # (1 + k, a) of E's errors for one unit of each of v
-    precision: ndarray  # (n, n) Π
+    precision: ndarray  # (p, p) Π
     kept: ndarray  # (profiles,) those that the model rests on
-    of_mount: ndarray | float = 0.0  # (n + 1, n + 1) as normal equations
+    of_mount: ndarray | float = 0.0  # (p + 1, p + 1) as normal equations
     may_be_poor: range = range(0)  # the columns of systematic errors
     smooth: SmoothErrors | None = None
 
     @property
-    def n(self) -> int:
-        """How many unknowns x has."""
+    def p(self) -> int:
+        """How many columns A has, and entries x."""
         return len(self.precision)
 
     @property
@@ -170,27 +176,31 @@ class LinearModel:
         return self.smooth.count if self.smooth else 0
 
     def keeping(self, kept: ndarray) -> "LinearModel":
-        """The model of some of its profiles (profiles,) only. These say what is taken
-        out of smooth errors.
+        """The model of the profiles (profiles,) kept only. They say anew what is taken
+        out of smooth errors (`SmoothErrors.keeping`).
         """
         if (kept == self.kept).all():
             return self
         smooth = self.smooth and self.smooth.keeping(kept)
         return replace(self, kept=kept, smooth=smooth)
 
-    def without_robot(self) -> "LinearModel":
-        """The same of a robot that errs smoothly or not at all, whatever the other
-        variances are: there are no rows that speak of the flange, all are of the rest.
+    def without_fresh(self) -> "LinearModel":
+        """The same of a robot whose errors are smooth alone, whatever the variances of
+        its other errors are.
+
+        The rows that speak of the flange count as rest, whose cached value is replaced.
+        No profile is kept among those rows, and none share an error.
         """
         (rest, count), rows = self.rest_of_kept, self.rows
-        none, apart = np.zeros_like(self.kept), nesting(len(self.kept), [])
-        other = replace(self, kept=none, nesting=apart)
+        none = np.zeros_like(self.kept)
+        other = replace(self, kept=none, nesting=nesting(len(none), []))
+        # rest_of_kept did not count the entries of these rows, padding included
         all_rest = rest + squares(rows.Z[None])[0]
         vars(other)["rest_of_kept"] = all_rest, count + rows.E[..., 0].size
         return other
 
     def Z(self, profiles: ndarray) -> ndarray:
-        """[B | A | r] (..., q, m + n + 1) of the rows of some profiles (...), by
+        """[B | A | r] (..., q, m + p + 1) of the rows of some profiles (...), by
         number, that speak of the flange.
         """
         Y = self.Y[profiles]
@@ -202,7 +212,7 @@ class LinearModel:
     @cached_property
     def rows(self) -> Rows:
         """Of the profiles kept."""
-        q, columns = self.E.shape[1], self.m + self.n + 1
+        q, columns = self.E.shape[1], self.m + self.p + 1
         most = max(1, AT_ONCE // (q * columns))
         groups, profiles = self.nesting.bundles(self.kept, most)
         E, Z = self.E[profiles], self.Z(profiles.ravel())
@@ -214,16 +224,26 @@ class LinearModel:
             by_error = E * alone[profiles, None, None] * self.unit_variances[error]
             parts.append(by_error @ E.mT)
             errors.append(error)
-        shared = self.nesting, self.unit_variances
-        return Rows(groups, profiles, E, Z, np.array(parts), errors, *shared)
+        return Rows(
+            groups,
+            profiles,
+            E,
+            Z,
+            np.array(parts),
+            errors,
+            self.nesting,
+            self.unit_variances,
+        )
 
     @cached_property
     def rest_of_kept(self) -> tuple[ndarray, int]:
-        """The products (m + n + 1, m + n + 1) of all that no error of the flange moves,
-        and how many residuals it is: what is left of all, as q rows of each place in
-        `rows` are counted among those that errors move, be they zero.
+        """The products (m + p + 1, m + p + 1) of the rows that no error of the flange
+        moves, and their count: all residuals, less q rows for each place in `rows`.
+
+        Places that are padding have log v_0 in log |C| for each of their q rows, too;
+        the count is lower by these, and may be negative.
         """
-        products = np.zeros((self.m + self.n + 1,) * 2)
+        products = np.zeros((self.m + self.p + 1,) * 2)
         products[self.m :, self.m :] = squares(self.rest[None, self.kept])[0]
         return products, int(self.counts[self.kept].sum()) - self.rows.E[..., 0].size
 
@@ -242,14 +262,15 @@ class LinearModel:
             log_det[part] += factors.log_det
 
         products = H[0].copy()
+        # of smooth errors; if there are none, the slices :m are empty
         s = np.sqrt(v[:, -1, None, None])
         H[:, :m] *= s
         H[:, :, :m] *= s
         H[:, m:-1, m:-1] += self.precision
         diagonal = np.einsum("sii->si", H)  # a view: what is written to it is H's
-        diagonal[:, :m] += 1.0
+        diagonal[:, :m] += 1.0  # the precision of coefficients, over s
         diagonal *= 1 + ROUNDING  # or H may have eigenvalues a little below zero
-        square = diagonal[:, -1].copy()
+        square = diagonal[:, -1].copy()  # N_rr, from which Σ y² is taken below
         # the corner is raised, so that the factor exists; the rest of L does not depend
         # on it
         diagonal[:, -1] += square + 1.0
@@ -257,14 +278,18 @@ class LinearModel:
         square -= np.sum(L[:, -1, :-1] ** 2, axis=1)
         roots = np.einsum("sii->si", L)[:, :-1]
         log_evidence = -(square + log_det) / 2 - np.log(roots).sum(axis=1)
-        matrices = products, self.precision, L
-        return Posterior(v, m, *matrices, square, log_evidence, factors)
+        return Posterior(
+            v, m, products, self.precision, L, square, log_evidence, factors
+        )
 
-    def rescaled(self, posterior: Posterior, times: ndarray) -> tuple[ndarray, ...]:
-        """By how much the log evidence changes, (B, S), and x̂ (B, S, n) and V (B, S, n,
-        n), where the systematic errors may be so many `times` (B, n) as large.
+    def rescaled(
+        self, posterior: Posterior, times: ndarray
+    ) -> tuple[ndarray, ndarray, ndarray]:
+        """By how much the log evidence changes, (B, S), and x̂ (B, S, p) and V (B, S, p,
+        p), where the systematic errors may be so many `times` (B, p) as large.
 
-        Π, diagonal there, becomes Π - D. By Woodbury's identity, G = D (1 - V D)⁻¹,
+        Π, which is diagonal for these errors, becomes Π - D. By Woodbury's identity,
+        with G = D (1 - V D)⁻¹,
 
             V' = V + V G V        x̂' = x̂ + V G x̂
             ℓ' = ℓ + (x̂ᵀ G x̂ - log |1 - V D| + log |Π - D| - log |Π|) / 2
@@ -274,29 +299,31 @@ class LinearModel:
         D = (np.diag(self.precision)[poor] * (1 - times**-2.0))[:, None, :, None]
         x, V = posterior.mean, posterior.covariance
         x_s, V_s = x[:, poor, None], V[:, :, poor]
-        A = np.eye(D.shape[2]) - V_s[:, poor] * D.mT
-        G = D * np.linalg.inv(A)
+        less = np.eye(D.shape[2]) - V_s[:, poor] * D.mT  # 1 - V D
+        G = D * np.linalg.inv(less)
         Gx = G @ x_s
-        gain = (x_s * Gx).sum(axis=(2, 3)) - np.linalg.slogdet(A)[1]
+        gain = (x_s * Gx).sum(axis=(2, 3)) - np.linalg.slogdet(less)[1]
         gain = gain / 2 - np.log(times).sum(axis=1)[:, None]
         return gain, x + (V_s @ Gx)[..., 0], V + V_s @ G @ V_s.mT
 
     def by_bends(self, v: ndarray) -> ndarray:
-        """What the covariance (n, n) of x owes, for variances v (1 + k,), to bends of
-        the smooth errors, which are considered (Schmidt 1966).
+        """By how much bends of the smooth errors, which are considered (Schmidt 1966),
+        enlarge the covariance (p, p) of x, for variances v (1 + k,).
 
-        Bends B₂ with coefficients c ~ N(0, s²) are no part of the model: r + B₂ c
-        stands where it has r. So its mean moves by -V Aᵀ C⁻¹ B₂ c, with B among the
-        columns of A, and its covariance should be larger by
+        Bends, of columns B₂ and coefficients c ~ N(0, s²), are no part of the model:
+        the true residuals are r + B₂ c where the model has r. With B among the columns
+        of A, the mean of the model therefore moves by -V Aᵀ C⁻¹ B₂ c, and its
+        covariance should be larger by
 
-            s² G Gᵀ,    G = V Aᵀ C⁻¹ B₂
+            s² `moves` `moves`ᵀ        `moves` = V Aᵀ C⁻¹ B₂
         """
         if not self.smooth:
             return np.zeros_like(self.precision)
         posterior = self.posterior(v[None])
-        _, X, _, _ = self.precisions(posterior)
+        X = self.precisions(posterior)[1]
         bent = replace(self.smooth, bends=True).keeping(self.kept)
-        across = np.zeros((X.shape[-1], bent.count))  # of [B | A | r] and [B | B₂]
+        # Zᵀ C⁻¹ [B | B₂], of which [B | A]ᵀ C⁻¹ B₂ is used below
+        across = np.zeros((X.shape[-1], bent.count))
         for part in in_parts(X):
             some = self.rows.profiles[part].ravel()
             columns = bent.columns(self.E[some, :, :6], some)
@@ -304,19 +331,22 @@ class LinearModel:
         moves = posterior.whole[1][self.m :] @ across[:-1, self.m :]
         return v[-1] * moves @ moves.T
 
-    def precisions(self, posterior: Posterior) -> tuple[ndarray, ...]:
+    def precisions(
+        self, posterior: Posterior
+    ) -> tuple[ndarray, ndarray, ndarray, ndarray]:
         """Of the rows of each profile kept, for one set of variances: P_ii (bundles,
-        size, q, q), X = C⁻¹ [B | A | r] (bundles, size, q, m + n + 1) and w = P r
-        (bundles, size, q), as `Rows` has them; and β of Z, of the groups.
+        size, q, q), X = C⁻¹ Z (bundles, size, q, m + p + 1) and w = P r (bundles, size,
+        q), in the order of `Rows`; and β of Z (groups, a, m + p + 1).
         """
         z, V = posterior.whole
         factors = posterior.factors
+        # of the one set of variances
         _, (W,), (beta,) = factors.solve(self.rows.Z)
         root = factors.root[0]  # L⁻¹
         W_E = factors.W_E[0].reshape(*root.shape[:-1], self.E.shape[2])
         Q = factors.covariances[self.rows.groups, None]
         P = root.mT @ (np.eye(W_E.shape[2]) - W_E @ Q @ W_E.mT) @ root  # of C⁻¹
-        # in its place: it is as large as all rows
+        # X takes the place of W, which is as large as all rows
         X = W.reshape(*root.shape[:-1], len(z))
         for part in in_parts(X):
             X[part] = root[part].mT @ X[part]
@@ -335,8 +365,8 @@ class LinearModel:
         """χ² (profiles,) of the rows of each profile that speak of the flange, by what
         all other profiles kept say of them, for one set of variances.
 
-        Of a profile i that is not kept, r_i + A_i x̂ has the covariance C_ii + A_i V
-        A_iᵀ. Of one that is kept, P_ii⁻¹ w_i has the covariance P_ii⁻¹, w = P r: the
+        For a profile i that is not kept, r_i + A_i x̂ has the covariance C_ii + A_i V
+        A_iᵀ. For one that is kept, P_ii⁻¹ w_i has the covariance P_ii⁻¹, w = P r: the
         law of a part of a Gaussian of precision P, given the rest of it (Christensen,
         Pearson and Johnson 1992). So its χ² is w_iᵀ P_ii⁻¹ w_i.
         """
@@ -345,16 +375,16 @@ class LinearModel:
         Z = self.Z(out)
         A = Z[..., :-1]
         covariances = self.own(posterior.v[0])[out] + A @ V @ A.mT
-        square = np.empty(len(self.kept))
-        square[out] = normalised_square(covariances, Z @ z)
+        chi2 = np.empty(len(self.kept))
+        chi2[out] = normalised_square(covariances, Z @ z)
         P, _, w, _ = self.precisions(posterior)
         real = self.rows.profiles >= 0
-        square[self.rows.profiles[real]] = normalised_square(P[real], w[real])
-        return square
+        chi2[self.rows.profiles[real]] = normalised_square(P[real], w[real])
+        return chi2
 
 
-def inverse(L: ndarray) -> ndarray:
-    """Of lower triangles (S, m, m)."""
+def inverse_triangles(L: ndarray) -> ndarray:
+    """The inverses of lower triangles L (S, columns, columns)."""
     return np.array([dtrtri(triangle, lower=1)[0] for triangle in L])
 
 
@@ -371,12 +401,12 @@ def linear_model(
 ) -> LinearModel:
     """The model of all profiles. Of each, over the scanner's noise, with zeros where no
     residual is: the derivatives `by_flange` (profiles, K, 6), mm and rad, the `columns`
-    [A | r] (profiles, K, n + 1), and how many residuals there are.
+    [A | r] (profiles, K, p + 1), and how many residuals there are.
 
     `fresh`: the robot's errors, entries of `Noise`, without the `smooth` ones.
-    `precision` (n, n): Π. `clock`: the column of A that is the derivative by the time
-    of a profile, if any has one: its jitter acts along it, as errors of the flange
-    along E's other columns. `beside`: as `LinearModel` has it.
+    `precision` (p, p): Π. `clock`: the column of A that is the derivative by the times
+    of the profiles, if any has a time. Jitter of these times moves residuals along that
+    column, which E therefore has, too. `beside`: other fields of `LinearModel`.
     """
     E, Y, rest, ranks = compressed(by_flange, columns)
     if clock is not None:
@@ -403,14 +433,16 @@ def linear_model(
     )
 
 
-def compressed(by_flange: ndarray, columns: ndarray) -> tuple[ndarray, ...]:
+def compressed(
+    by_flange: ndarray, columns: ndarray
+) -> tuple[ndarray, ndarray, ndarray, ndarray]:
     """E, Y and the rest of each profile, as `LinearModel` has them, and how many rows
     speak of the flange, (profiles,).
 
-    An orthogonal change of a profile's K rows leaves the scanner's noise as it is. With
-    the singular values σ of the derivatives by the flange, in units of HAND_PRECISION,
-    F = U σ Wᵀ, errors of the flange move the rows Uᵀ [A | r] whose σ is not zero, by
-    E = σ Wᵀ, and no others, which are
+    An orthogonal change of a profile's K rows leaves the scanner's noise as it is. The
+    derivatives by the flange, in units of HAND_PRECISION, are U σ Wᵀ with the singular
+    values σ. Errors of the flange move the rows Uᵀ [A | r] whose σ is not zero, by E =
+    σ Wᵀ, and none of the rest:
 
         Y = Uᵀ [A | r]        rest = [A | r] - U Y
     """

@@ -14,14 +14,16 @@ Up, for a group with the sum [J | c] of its members, s = √v_g:
 
     M = 1 + s J s = L Lᵀ   K = s M⁻¹ s      log |C| = Σ log |D_i| + Σ log |M|
 
-Of what it says, K [J | c] takes its part, and the next coarser group has the sum of
+Integrating out the error of the group takes J K [J | c] off its sum. The next coarser
+group has the sum over its members of
 
     [J | c] - J K [J | c] = s⁻¹ M⁻¹ s [J | c]
 
-over its members, of which the right side loses no digits.
+where the right side loses no digits.
 
-Down, from b = 0 above the coarsest: b is the mean of all errors that a group's members
-share, for each column of Z, and Q their covariance, with T = 1 - K J,
+Down, from b = 0 above the coarsest: b is the mean of the sum of all errors that the
+members of a group share, for each column of Z, and Q the covariance of that sum, with
+T = 1 - K J,
 
     β = M⁻¹ s (c - J b_above)      b = b_above + s β      Q = K + T Q_above Tᵀ
     C⁻¹ Z = L⁻ᵀ (W_Z - W_E b)      (C⁻¹)_ii = L⁻ᵀ (1 - W_E Q W_Eᵀ) L⁻¹
@@ -72,7 +74,7 @@ class Rows:
         nodes = []
         for level in self.nesting.levels[::-1]:
             J = sums[:, level.groups]
-            # above zero: what is shared is divided by it
+            # above zero, as the sums for the coarser groups are divided by s
             s = np.sqrt(v[:, level.errors] @ self.unit_variances[level.errors]) + 1e-100
             s = s[:, None, :, None]
             M_root, of_groups = inverse_root(np.eye(a) + s * J * s.mT)
@@ -103,7 +105,7 @@ class Factors:
     nodes: list[Node]  # from coarse to fine
     log_det: ndarray  # (S,) log |C|
 
-    def solve(self, Z: ndarray) -> tuple[ndarray, ...]:
+    def solve(self, Z: ndarray) -> tuple[ndarray, ndarray, ndarray]:
         """For rows Z (bundles, size, q, columns): Zᵀ C⁻¹ Z (S, columns, columns),
         W_Z - W_E b (S, bundles, size q, columns), and β (S, groups, a, columns).
         """
@@ -115,10 +117,12 @@ class Factors:
         for part in in_parts(Z):
             np.matmul(self.root[:, part], Z[part], out=of_profiles[:, part])
             add_up(c, self.rows.groups[part], self.W_E[:, part].mT @ W[:, part])
-        for node in self.nodes[:0:-1]:  # from fine to coarse
+        # from fine to coarse, without the coarsest, which no group holds
+        for node in self.nodes[:0:-1]:
             add_up(c, node.level.parents, node.Ms @ c[:, node.level.groups] / node.s)
 
         b = np.zeros_like(c)
+        # group 0 shares nothing: the sum of its members, if any was added, is dropped
         c[:, 0] = 0.0
         for node in self.nodes:
             groups, above = node.level.groups, np.zeros(1)

@@ -20,8 +20,8 @@ class Level:
     """The errors that profiles share in groups of one kind: visits, poses or
     orientations. A group of one profile is none: its error is that profile's own.
 
-    Groups of all kinds are counted through, from coarse to fine; group 0 holds all and
-    shares nothing.
+    Groups of all kinds are numbered together, from coarse to fine. Group 0 holds all
+    profiles and shares nothing.
     """
 
     errors: ndarray  # (e,) numbers of the errors, from 1: 0 is the scanner's noise
@@ -31,9 +31,9 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class Nesting:
-    """Who shares what."""
+    """Which profiles share which errors."""
 
-    # errors that are some profiles' own: the number, and whose (profiles,) it is
+    # errors that some profiles do not share: the number, and which profiles (profiles,)
     own: list[tuple[int, ndarray]]
     levels: list[Level]  # from coarse to fine
     holder: ndarray  # (profiles,) the finest group that holds each
@@ -52,7 +52,7 @@ class Nesting:
         holder = self.holder[profiles]
         groups = np.unique(holder).size
         size = min(most, -(-len(holder) // max(1, groups)))  # the mean, rounded up
-        # of each in its group: holders are in order
+        # the place of each profile in its group: holders are in rising order
         place = np.arange(len(holder)) - np.searchsorted(holder, holder)
         firsts = np.flatnonzero(place % size == 0)
         ends = np.append(firsts, len(holder))[1:, None]
@@ -63,7 +63,10 @@ class Nesting:
 
 def add_up(sums: ndarray, holders: ndarray, parts: ndarray) -> None:
     """Add parts (S, G, ...) to the sums (S, groups, ...) of the groups (G,) that hold
-    them, which are in rising order. Nothing is shared in group 0.
+    them, which are in rising order.
+
+    Group 0 shares nothing, so its sum is not needed: where it is the only holder,
+    nothing is added, and nobody reads what is added to it beside others.
     """
     if not holders[-1:].any():
         return
@@ -82,19 +85,20 @@ def parts_of(count: int, size: int) -> list[slice]:
 
 
 def in_parts(rows: ndarray) -> list[slice]:
-    """Rows (k, ...) in such parts."""
+    """Rows (k, ...) in parts that a cache holds."""
     return parts_of(len(rows), rows[:1].size)
 
 
 def nesting(profiles: int, numbers: Sequence[ndarray]) -> Nesting:
     """How groups nest. `numbers`: of each error, the number (profiles,) of the group
-    that has it in common.
+    of profiles that share the error. Groups nest, so two errors of as many groups have
+    the same groups.
     """
     counts = np.array([number.max() + 1 for number in numbers], dtype=int)
     own, levels = [], []
     holder = np.zeros(profiles, dtype=int)
     total = 1
-    # the fewer groups a kind has, the coarser it is; errors of as many share one kind
+    # the fewer groups a kind has, the coarser it is
     for count in np.unique(counts):
         kind = np.flatnonzero(counts == count)
         number = numbers[kind[0]]
@@ -103,7 +107,7 @@ def nesting(profiles: int, numbers: Sequence[ndarray]) -> Nesting:
             own += [(1 + error, ~shared) for error in kind.tolist()]
         if not shared.any():
             continue
-        # in the order of those that hold them: a key over `count` is the holder
+        # in the order of the groups that hold them: the holder is key // count
         key = holder[shared] * count + number[shared]
         groups, of_profiles = np.unique(key, return_inverse=True)
         holder[shared] = total + of_profiles

@@ -64,7 +64,8 @@ STATED_FREEDOM = 1.0
 # The spread of the logarithm of the scanner's noise, by where that is from: stated by
 # the user, seen in the profiles' features, or left to the residuals.
 SPREADS = {"given": 0.0, "profiles": 0.5, "residuals": 2.0}
-# That of the robot's smooth errors: two of three arms are within a factor of two.
+# The spread of the logarithm of smooth errors: two of three arms are within a factor of
+# two.
 SMOOTH_SPREAD = 0.7
 
 
@@ -128,7 +129,8 @@ class Prior:
         """
         exact = replace(self.scales, **dict.fromkeys((*ROBOT, "jitter_ms"), 0.0))
         none = Systematic()
-        stated = self.stated - {SMOOTH}  # their sizes are not known
+        # so that `law` leaves the size of smooth errors free, although robot_known
+        stated = self.stated - {SMOOTH}
         return replace(
             self, scales=exact, stated=stated, robot_known=True, systematic=none
         )
@@ -155,8 +157,9 @@ class Prior:
         return Law(scales, spreads, freedoms)
 
     def names(self, distinguishable: Sequence[str]) -> list[str]:
-        """The errors of the robot that there are, entries of `Noise`: all if known,
-        else the distinguishable ones.
+        """The errors of the robot that a model has, entries of `Noise`, of those whose
+        scale is not zero: smooth errors always; the distinguishable ones; and all of
+        ROBOT, if the robot is known.
         """
         there = {SMOOTH, *distinguishable, *(ROBOT if self.robot_known else ())}
         return [n for n in ESTIMATED if n in there and getattr(self.scales, n)]
@@ -184,8 +187,8 @@ class Law:
     """
 
     scales: ndarray  # (1 + k,)
-    spreads: ndarray  # (1 + k,) of logarithms that are normal; 0: the size has another
-    freedoms: ndarray  # (1 + k,) of half-t laws; 0: the size has another
+    spreads: ndarray  # (1 + k,) of logarithms that are normal; 0: another law
+    freedoms: ndarray  # (1 + k,) of half-t laws; 0: another law
 
     @cached_property
     def free(self) -> ndarray:
@@ -195,9 +198,9 @@ class Law:
     def variances(self, y: ndarray) -> ndarray:
         """The variances v (S, 1 + k), squares of the sizes, at coordinates y (S, d).
 
-        An error of the robot has the size σ t, with its scale σ and |T| of Student's
-        law of f degrees of freedom, where T is as likely to be exceeded as the
-        coordinate: P(|T| > t) = Φ(-y). The scanner's noise and smooth errors, of spread
+        An error of the robot, of scale σ, has the size σ t. By P(|T| > t) = Φ(-y), t is
+        as likely to be exceeded by |T|, of Student's law of f degrees of freedom, as y
+        by a standard normal variable. The scanner's noise and smooth errors, of spread
         s, have the size σ exp(s y).
         """
         of_all = np.zeros((len(y), len(self.scales)))
@@ -303,8 +306,9 @@ CLOCK_DRIFT = 5e-5  # of quartz clocks, s/s
 
 
 def of_clocks(observations: Sequence[Observations]) -> dict[Perturbation, float]:
-    """What may be wrong with the times of what was seen in motion, if anything was, and
-    how large that is: a delay, and one that grows from the middle of all times.
+    """The errors of the times of what was seen in motion, if anything was, and how
+    large each may be, a standard deviation: a delay, and a delay that grows from the
+    middle of all times.
     """
     moving = [seen for seen in observations if seen.moving.any()]
     times = [seen.times.ravel() for seen in moving if seen.times is not None]
@@ -337,8 +341,8 @@ def of_target(targets: Sequence[type[Target]]) -> list[Perturbation]:
 def considered(
     targets: Sequence[type[Target]], prior: Systematic
 ) -> dict[Perturbation, float]:
-    """What may be wrong and how large that is, a standard deviation in its own unit;
-    without what is 0.
+    """The systematic errors that may be, and how large each may be, a standard
+    deviation in its own unit; without those of size 0.
     """
     errors = [*OF_SCANNER, *of_target(targets)]
     sizes = {error: getattr(prior, error.prior) / error.unit for error in errors}
@@ -346,10 +350,11 @@ def considered(
 
 
 def as_stated(noise: Noise) -> Prior:
-    """The prior where the robot errs as stated, and the scanner too, or as the
-    residuals tell.
+    """The prior where the robot errs as stated, and the scanner as stated or, if
+    nothing is, as the residuals tell.
     """
     source = "given" if noise.profile_mm else "residuals"
+    # 1 mm stands for noise that is not known
     scales = replace(noise, profile_mm=noise.profile_mm or 1.0)
     return Prior(scales, frozenset(ESTIMATED), source, robot_known=True)
 
@@ -366,7 +371,7 @@ def prior_from(stated: dict[str, float], features_mm: float = 0.0) -> Prior:
     errors = {name: stated.get(name, usual) for name, usual in vars(TYPICAL).items()}
     given_mm = stated.get("profile_mm", 0.0)
     scales = Noise(
-        features_mm or given_mm or 1.0,
+        features_mm or given_mm or 1.0,  # 1 mm stands for noise that is not known
         steering_mm=stated.get("steering_mm", 0.0),
         **robot,
     )

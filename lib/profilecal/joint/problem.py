@@ -35,13 +35,14 @@ from profilecal.targets.observations import (
 # Where the residual, and derivatives by the flange pose, stand among all columns.
 RESIDUAL = -7
 FLANGE = slice(-6, None)
-# The precision of what is not known, relative to that of a measurement by hand; of an
-# error that is tried, in its own unit. It keeps matrices without full rank invertible.
+# The precision of an unknown of which nothing is known, relative to that of a
+# measurement by hand; of an error that is tried, the precision itself, in the error's
+# own unit. It keeps matrices without full rank invertible.
 NOTHING_KNOWN = 1e-8
 # Noise levels at which Cauchy's loss gives a pose the weight of a half: little is lost
 # on clean data (notebook 42).
 CAUCHY = 2.385
-FARTHEST = 0.1  # that a step goes at once: rad, or hundreds of mm
+FARTHEST_STEP = 0.1  # how far a step goes at once: rad, or hundreds of mm
 
 
 @dataclass(frozen=True)
@@ -85,11 +86,11 @@ class Problem:
         self.systematic = systematic or Systematic()
         may_be_poor = considered(self.targets, self.systematic)
         self.considered = may_be_poor | of_clocks(self.observations)
-        # what one would know of each parameter (n,) by hand, mm and rad
+        # what one would know of each unknown (n,) by hand, mm and rad
         self.units = units_by_hand(self.targets)
         # how many residuals each profile has, in the first problem
         self.counts = np.concatenate([term.counts[0] for term in self.terms])
-        self.freedoms = np.maximum(self.counts, 1)  # where one has to divide by them
+        self.counts_or_1 = np.maximum(self.counts, 1)  # to divide by
         # Columns stand in this order: the sensor pose (6), each target's free shifts
         # and turns, with which the n unknowns end; the c errors considered, first those
         # that may be poor, then those of clocks; those tried; the residual; the flange
@@ -152,8 +153,14 @@ class Problem:
 
     def of(self, observations: Iterable[Observations]) -> "Problem":
         """The same problem of other observations of these targets."""
-        same = self.systematic, self.terms[0].in_space, self.mount, self.known_smooth
-        return Problem(observations, self.noise, *same)
+        return Problem(
+            observations,
+            self.noise,
+            self.systematic,
+            in_space=self.terms[0].in_space,
+            mount=self.mount,
+            known_smooth=self.known_smooth,
+        )
 
     @cached_property
     def of_equal_points(self) -> "Problem":
@@ -167,11 +174,14 @@ class Problem:
         return self.of(seen.later(seconds) for seen in self.observations)
 
     def typical(self, fit: Fit) -> ndarray:
-        """How many noise levels large the residuals of most poses are, (B,): the root
-        mean square, over the targets, of medians, to which bad poses do not count; at
-        least the rounding of exact data.
+        """How many noise levels large the residuals of most poses are, (B,); at least
+        the rounding of exact data.
+
+        The square of it is the mean, over the targets, of a median over the poses,
+        which bad poses hardly change: that of each pose's χ² over the median of χ²'s
+        law, which is about 1 where residuals are as large as the noise.
         """
-        ratio = fit.per_pose * (self.freedoms / chi2_limit(0.5, self.freedoms))
+        ratio = fit.per_pose * (self.counts_or_1 / chi2_limit(0.5, self.counts_or_1))
         medians = [np.median(own, axis=0) for own in self.split(ratio.T)]
         size = np.sqrt(np.mean(medians, axis=0))
         return np.maximum(size, FINEST_MM / self.noise.profile_mm)
@@ -219,7 +229,7 @@ class Problem:
         of_mount = self.of_mount(state, self.n)
         normal += of_mount
         loss += of_mount[:, -1, -1]
-        if scale is None:
+        if scale is None:  # the corner is Σ r², with the mount's already
             loss = normal[:, -1, -1]
         return Fit(state, normal, loss, np.concatenate(per_pose, axis=1))
 
@@ -232,7 +242,7 @@ class Problem:
     def columns_in_mm(
         self, state: State, tried: Sequence[Perturbation] = ()
     ) -> list[ndarray]:
-        """Each target's residuals (first problem's) at a state, a batch of one, and
+        """Each target's residuals in the first problem, at a state, a batch of one, and
         their derivatives by all that may be wrong.
 
         Returns (1, n + c + d + 7, K, P) for each target: the derivatives by all n
@@ -268,9 +278,13 @@ class Problem:
         tried: Sequence[Perturbation] = (),
     ) -> LinearModel:
         """The linear model at a state, a batch of one, with errors of the robot of
-        these `names`, entries of `Noise`. Smooth errors that are not among them are
-        known to be as large as the noise says: their coefficients count among the
-        unknowns. Of the errors `tried` nothing is known beforehand.
+        these `names`, entries of `Noise`. Of the errors `tried` nothing is known
+        beforehand.
+
+        Where SMOOTH is not among the names, smooth errors are known to be as large as
+        the noise says, and their columns are the last of A. Then x has 27 entries more
+        than `rms_mm` takes. `solve` never comes here, as the names of a prior have
+        SMOOTH wherever there are smooth errors; plans and mount checks do.
         """
         columns = self.columns_in_mm(state, tried)
         # (profiles, K, n + c + d + 7), with zeros where a target has fewer residuals
@@ -307,8 +321,9 @@ class Problem:
         )
 
     def rms_mm(self, state: State, x: ndarray, profiles: ndarray) -> float:
-        """Root mean square of the residuals of some profiles (profiles,) after a step x
-        (n + c,) from a state, a batch of one, less the errors considered.
+        """Root mean square of the residuals of some profiles (profiles,), to first
+        order, after a step x (n + c,) of the unknowns and of the errors considered from
+        a state, a batch of one.
         """
         x, square = np.append(x, 1.0), 0.0
         columns = self.columns_in_mm(state)
@@ -334,11 +349,11 @@ class Problem:
 
     def after_step(self, state: State, x: ndarray) -> tuple["Problem", State]:
         """The problem and the state, a batch of one, after a step x (n + c,), or after
-        as much of it as goes no farther than FARTHEST. The clock then counts from its
-        new delay, as if that were as likely as none.
+        as much of it as goes no farther than FARTHEST_STEP. Further delays count from
+        the new one, as if the new one were as likely as none.
         """
         step = x[None, : self.n]
-        share = FARTHEST / max(FARTHEST, reach(step)[0])
+        share = FARTHEST_STEP / max(FARTHEST_STEP, reach(step)[0])
         state = self.move(state, step * share)
         if self.clock is None:
             return self, state

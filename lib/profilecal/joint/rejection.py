@@ -14,20 +14,21 @@ from profilecal.joint.prior import Prior
 from profilecal.joint.problem import Problem
 from profilecal.targets.observations import State
 
-LARGEST_REJECTED = 1 / 3  # of the poses
-MOST_MISTAKES = 0.2  # of the poses that anyone makes
-LARGE = 1.5  # standard deviations beforehand: of errors that are large, but usual
+LARGEST_REJECTED = 1 / 3  # of the poses, beyond those that large errors leave out
+MOST_MISTAKES = 0.2  # of the poses: nobody makes more
+# standard deviations of the coordinate of a size (`Law`): errors large, but usual
+LARGE = 1.5
 
 
 def of_large_errors(
     problem: Problem, state: State, model: LinearModel, prior: Prior
 ) -> ndarray:
     """The profiles (profiles,) whose residuals errors of large, but usual sizes
-    explain, each by itself; all, if these are too few.
+    explain, each by itself; all profiles, if these are too few.
 
-    What is stated has the shorter tail of what is usual at first; where that leaves out
-    more poses than anyone mistakes, its own, longer one. Smooth errors are none of
-    these.
+    At first all sizes have the law of usual ones, of the shorter tail. If that leaves
+    out more than MOST_MISTAKES, stated sizes have their own law, of the longer tail.
+    Smooth errors explain nothing here.
     """
     scanner = 1.0
     if prior.profile_spread:
@@ -48,7 +49,8 @@ def still_belonging(
     problem: Problem, model: LinearModel, posterior: Posterior, first: ndarray
 ) -> ndarray:
     """The profiles (profiles,) that belong to what all others say; or the `first` ones,
-    if so few do that not poses are at fault, but the model.
+    if more than LARGEST_REJECTED of them do not, or too few do: then the model is at
+    fault, not the poses.
     """
     after = belonging(problem, model, *chi2_left_out(model, posterior))
     rejected = np.mean(first) - np.mean(after)
@@ -58,11 +60,11 @@ def still_belonging(
 
 def chi2_left_out(model: LinearModel, posterior: Posterior) -> tuple[ndarray, ndarray]:
     """Two χ² (profiles,) of each profile: of the rows that speak of the flange, by what
-    all other profiles kept say of them; and of the rest of its residuals, where all
-    kept have the unknowns.
+    all other profiles kept say of them; and of the rest of its residuals, at the mean
+    of the unknowns by all profiles kept.
     """
     rest = model.rest @ np.append(posterior.mean[0], 1.0)
-    # what is below zero is rounding
+    # a χ² below zero is rounding
     of_flange = np.maximum(model.left_out(posterior), 0)
     return of_flange, np.sum(rest**2, axis=1) / posterior.v[0, 0]
 
@@ -70,13 +72,13 @@ def chi2_left_out(model: LinearModel, posterior: Posterior) -> tuple[ndarray, nd
 def belonging(
     problem: Problem, model: LinearModel, of_flange: ndarray, of_rest: ndarray
 ) -> ndarray:
-    """The profiles (profiles,) whose two χ² (`chi2_left_out`) chance explains; of a
-    group of three or more, of one target and orientation or sweep, none if it does not
-    explain more than half.
+    """The profiles (profiles,) whose two χ² chance explains: that of the rows that
+    speak of the flange, and that of the rest. If more than half of a group of three or
+    more, of one target and orientation or sweep, are bad, the whole group is.
 
-    The χ² of the rows that speak of the flange follows F's law where a profile was left
-    out so far: it had no part in estimating the sizes of errors, which the others tell
-    only roughly.
+    A profile left out so far had no part in estimating the sizes of errors, which the
+    others tell only roughly. The χ² of its rows that speak of the flange is therefore
+    `ranks` times a variable of F's law, of `ranks` and `freedom` degrees of freedom.
     """
     chance = FALSE_ALARM / 2 / len(of_rest)  # two tests of each
     ranks = np.maximum(model.ranks, 1)

@@ -47,12 +47,12 @@ class Residuals:
         _, self.P, self.m, _ = observations.points.shape
 
         R, T = observations.R_flange, observations.T_flange
-        # (B|1, 3, 3P)
+        # base components, then flange components and poses together, (B|1, 3, 3P)
         self.R_flange = R.transpose(0, 2, 3, 1).reshape(-1, 3, 3 * self.P)
         # Rᵀ T (B|1, 3, P): where the flange is in the base, along the flange's axes;
         # eye-to-hand, minus that, along the base's axes
         self.T_in_flange = -inverse(R, T)[1].mT
-        # x and z, (2, B|1, m, P)
+        # x and z, (2, B|1, m, P), with poses next to each other in memory
         points = observations.points.transpose(3, 0, 2, 1).copy()
         self.present = np.isfinite(points).all(axis=0)  # (B|1, m, P)
         self.seen = np.where(self.present, points, 0.0)
@@ -61,8 +61,13 @@ class Residuals:
         self.set_precision(noise)
 
     def set_precision(self, noise: Noise) -> None:
-        """How precise residuals are: `sd` (B|1, m, rows, P) of each point's, and
-        `whiten` (B|1, K, K, P), which makes those of a pose independent, if need be.
+        """How precise residuals are: the standard deviation `sd` (B|1, m, rows, P) of
+        each point's residuals, and `whiten` (B|1, K, K, P), which makes the residuals
+        of a pose independent, where they are not.
+
+        The covariance of the observations has variances (B|1, P, m) of points on a
+        curve; of other points it is whole, (B|1, P, K, K), and distances in space,
+        which only a search uses, go without it.
         """
         rows = [1.0] if self.in_space else self.target.residual_sd(noise)
         of_points = np.ones((1, self.m, self.P))
@@ -70,7 +75,7 @@ class Residuals:
         covariance = self.observed.covariance
         if covariance is not None and self.observed.on_curve:
             of_points = np.sqrt(covariance.mT)
-        elif covariance is not None and not self.in_space:  # a search does without it
+        elif covariance is not None and not self.in_space:
             whiten = np.linalg.inv(np.linalg.cholesky(covariance))
             self.whiten = np.moveaxis(whiten, 1, -1)
         self.sd = of_points[:, :, None] * noise.profile_mm * np.array(rows)[:, None]
@@ -108,10 +113,10 @@ class Residuals:
 
         B, rows = len(state.rotation), len(r)
         count = self.n + 7
-        by_point = np.empty((B, count, self.m, rows, self.P))
+        by_row = np.empty((B, count, self.m, rows, self.P))
         for k in range(rows):
-            column = by_point[:, :, :, k]
-            moment = cross(origin, force[k])  # o × f + t
+            column = by_row[:, :, :, k]
+            moment = cross(origin, force[k])  # o × f; t is added below
             for j, axis in enumerate(self.shifts, 6):
                 column[:, j] = dot(force[k], axes[axis])
             if torque is not None:
@@ -123,7 +128,7 @@ class Residuals:
                 column[:, 3 + j] = -moment[j]
             column[:, -1] = r[k]
 
-        z = by_point.reshape(B, count, self.m * rows, self.P)
+        z = by_row.reshape(B, count, self.m * rows, self.P)
         if not self.present.all():
             z *= np.repeat(self.present, rows, axis=1)[:, None]
         return z
@@ -134,9 +139,11 @@ class Residuals:
         """
         origin, axes = placement
         in_base = np.concatenate([origin[:, None], axes.mT], axis=1)
+        # origin or axis (4), component (3): (B, 4, 3, P)
         in_flange = (in_base @ self.R_flange).reshape(-1, 4, 3, self.P)
         in_flange[:, 0] -= self.T_in_flange + state.translation[:, :, None]
         in_sensor = state.rotation.mT[:, None] @ in_flange
+        # (4, 3, B, 1, P)
         origin, *axes = in_sensor.transpose(1, 2, 0, 3)[:, :, :, None]
         return origin, axes
 
@@ -146,6 +153,7 @@ class Residuals:
         ball's centre, to a rod's axis.
         """
         in_sensor = self.target_in_sensor(state, placement)
+        # at the first state, (3, P) and (3, 3, P)
         origin, axes = (np.array(part)[..., 0, 0, :] for part in in_sensor)
         number = self.present[0].sum(axis=0)
         x, z = self.seen[:, 0].sum(axis=1) / np.maximum(number, 1)
@@ -188,7 +196,8 @@ class Residuals:
         by_flange: ndarray,
     ) -> ndarray:
         """The derivative (1, K, P) by the size of an error, at a state of a batch of
-        one. `columns` are of these residuals, there, and so are those `by_flange`.
+        one. `columns` and `by_flange` are what `linearise` and `by_flange` return at
+        that state.
         """
         if error.length:
             return self.by_length(error.length, state, placement)
@@ -218,11 +227,12 @@ class Residuals:
         return motion
 
     def moved_by(self, error: Callable) -> ndarray:
-        """By how much an error of points moves x and z of those seen, (2, 1, m, P) mm.
+        """By how much an error of points moves x and z of the points seen, (2, 1, m, P)
+        mm.
 
-        Three points that stand for a circle move as it does: as the one that fits the
-        arc that was seen. If points in the directions n from the centre move by e, it
-        moves by c and its radius by d so that about
+        Three points that stand for a circle move as the circle does that fits the arc
+        that was seen. If points in the directions n from the centre move by e, the
+        centre moves by c and the radius by d so that about
 
             n · c + d = n · e
         """
@@ -254,35 +264,41 @@ class Residuals:
         return (longer - shorter) / (2 * h)
 
     def on_target(self, columns: ndarray) -> "Residuals":
-        """The residuals of points that lie where the state of `columns` has them on the
-        target. As residuals are distances, their slopes by the point have length one,
-        and a point moves against them by as much as its residual.
+        """The residuals of points that lie on the target, where the state of `columns`
+        has it.
+
+        The slope of a residual by the point, x and z, has length one, as the residual
+        is a distance, or zero, of a distance from the scan plane; the slopes of a
+        point's residuals are orthogonal. So the point is moved against each slope by as
+        much as the residual.
         """
         r = columns[:, -1].reshape(len(columns), self.m, -1, self.P)
         other = copy(self)
-        vars(other).pop("circles", None)  # they are of other points
+        vars(other).pop("circles", None)  # of the points before
         other.seen = self.seen - np.sum(self.by_point(columns) * r, axis=3)
         return other
 
     def over_noise(self, z: ndarray) -> ndarray:
-        """Columns (B, columns, K, P), changed in place, over the scanner's noise, and
-        as precise as each point is.
+        """Columns (B, columns, K, P), divided in place by the standard deviation of
+        each residual; the residuals of a pose are made independent first.
         """
         if self.whiten is not None:
             z[:] = np.einsum("bijp,bcjp->bcip", self.whiten, z)
-        by_point = z.reshape(*z.shape[:2], self.m, -1, self.P)
-        by_point /= self.sd[:, None]
+        by_row = z.reshape(*z.shape[:2], self.m, -1, self.P)
+        by_row /= self.sd[:, None]
         return z
 
     def seen_anew(self, r: ndarray, columns: ndarray, rng: Generator) -> Observations:
-        """What is observed of the first problem where residuals are r (K, P) and the
-        scanner's noise, and not what the `columns`, a state's, have.
+        """Simulated observations of the first problem. The points are those observed,
+        moved along the slopes of their residuals, so that the residuals at the state of
+        `columns` are r (K, P), mm, plus fresh noise of the scanner.
         """
         drawn = self.sd[0] * rng.normal(size=self.sd[0].shape)
         drawn = drawn.reshape(r.shape)
         if self.whiten is not None:
             whiten = np.moveaxis(self.whiten[0], -1, 0)
             drawn = np.linalg.solve(whiten, drawn.T[..., None])[..., 0].T
+        # `on_target` takes off the residual; here it is to leave r + drawn
         columns = columns.copy()
         columns[:, -1] -= r + drawn
         points = np.where(self.present, self.on_target(columns).seen, np.nan)

@@ -14,50 +14,54 @@ def gradient(model: LinearModel, posterior: Posterior) -> tuple[ndarray, ndarray
     information I (Gilmour, Thompson and Cullis 1995). The posterior has to be of one
     set of variances.
 
-    As ∂C/∂v_k = M_k, with w = P r = C⁻¹ (r + A x̂) and F the columns M_k w,
+    As ∂C/∂v_j = M_j, with w = P r = C⁻¹ (r + A x̂) and F the columns M_j w,
 
-        ∂ℓ/∂v_k = -(tr P M_k - wᵀ M_k w) / 2
+        ∂ℓ/∂v_j = -(tr P M_j - wᵀ M_j w) / 2
         I = Fᵀ P F / 2 = (Fᵀ C⁻¹ F - (Aᵀ C⁻¹ F)ᵀ V (Aᵀ C⁻¹ F)) / 2
 
     P is the same where the smooth errors' coefficients count as unknowns: here they do,
-    and C is without them. For their size, I_kk is the curvature itself,
-    wᵀ M P M w - tr(P M P M) / 2.
+    and C is without them. For the variance of smooth errors, where M = B Bᵀ, I has the
+    curvature itself on its diagonal, wᵀ M P M w - tr(P M P M) / 2.
     """
     m, v0, rows = model.m, posterior.v[0, 0], model.rows
     z, V = posterior.whole  # z = [x̂; 1], with the smooth errors' coefficients first
     # of the rows that speak of the flange
     P, X, w, beta = model.precisions(posterior)
-    slope, moves = of_groups(posterior, beta)  # tr P M_k, and then less wᵀ M_k w
-    F = rows.E @ moves[rows.groups, None]  # of what profiles share,
-    own = rows.parts @ w[..., None]  # and of what is one profile's
+    # the slope is tr P M_j at first, and wᵀ M_j w is taken off below
+    slope, moves = of_groups(posterior, beta)
+    F = rows.E @ moves[rows.groups, None]  # of the errors that profiles share,
+    own = rows.parts @ w[..., None]  # and of those that are one profile's
     F[..., rows.errors] += np.moveaxis(own[..., 0], 0, -1)
     slope[rows.errors] += rows.parts.reshape(len(rows.errors), -1) @ P.ravel()
     slope -= w.ravel() @ flat(F)
     within = posterior.factors.solve(F)[0][0]  # Fᵀ C⁻¹ F
     across = (flat(X).T @ flat(F))[:-1]  # Aᵀ C⁻¹ F
-    # of the rest, which the scanner's noise alone moves
+    # of the rows of the rest, which the scanner's noise alone moves
     rest, count = model.rest_of_kept
     square = z @ rest @ z
     slope[0] += count / v0 - (square + np.sum(V * rest[:-1, :-1])) / v0**2
     within[0, 0] += square / v0**3
     across[:, 0] += rest[:-1] @ z / v0**2
-    if model.smooth:  # the last
+    if model.smooth:
+        # their variance is the last; N are the rows of B
         N = posterior.products[:m]
-        f = N @ z
-        P = N[:, :m] - N[:, :-1] @ V @ N[:, :-1].T
-        slope[-1] = np.trace(P) - f @ f
-        across[:, -1] = f @ N[:, :-1]
-        within[-1] = within[:, -1] = f @ across[:m]
+        Bw = N @ z  # Bᵀ w
+        BPB = N[:, :m] - N[:, :-1] @ V @ N[:, :-1].T  # Bᵀ P B
+        # M = B Bᵀ, so the last column of F is B Bᵀ w
+        slope[-1] = np.trace(BPB) - Bw @ Bw
+        across[:, -1] = Bw @ N[:, :-1]
+        within[-1] = within[:, -1] = Bw @ across[:m]
     information = (within - across.T @ V @ across) / 2
     if model.smooth:
-        information[-1, -1] += f @ P @ f / 2 - np.sum(P**2) / 2
+        # from average information, wᵀ M P M w / 2, to the curvature itself
+        information[-1, -1] += Bw @ BPB @ Bw / 2 - np.sum(BPB**2) / 2
     return -slope / 2, information
 
 
 def of_groups(posterior: Posterior, beta: ndarray) -> tuple[ndarray, ndarray]:
-    """Of the errors that groups share, with β (groups, a, columns) of Z: tr P M_k
-    (1 + k,); and M_k w as motions of the flange (groups, a, 1 + k), which a group has
-    from all that hold it, too.
+    """Of the errors that groups share, with β (groups, a, columns) of Z: tr P M_j
+    (1 + k,), and motions of the flange (groups, a, 1 + k) by which M_j w moves the
+    members of a group. A group has the motions of the groups that hold it, too.
     """
     factors, (z, V) = posterior.factors, posterior.whole
     Q, unit_variances = factors.covariances, factors.rows.unit_variances

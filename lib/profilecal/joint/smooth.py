@@ -1,26 +1,29 @@
 """Errors of a robot that vary smoothly with its pose: joints and lengths are wrong by
 little, and no visit changes that.
 
-The flange's error is taken for a linear function of where the flange is, seen from the
-middle of all poses: a shift along the base's axes by the way; a shift and a turn about
-the sensor's axes by the turn; 27 coefficients, as likely to be positive as negative.
+The flange's error is taken for a linear function of the displacement d (3) and the turn
+θ (3) of the flange from the middle of all poses. It is the sum of a shift A d along the
+base's axes, a shift B θ along the sensor's axes, and a turn C θ, times the `ratio`,
+about the sensor's axes. A, B and C are 3 × 3: these are 27 coefficients, as likely to
+be positive as negative.
 
-Much of it no residual can show, whatever the target: a mount and a base that are a
-little different move every profile nearly alike. What they take up is taken out of the
-errors, by least squares over the poses as they move the middle of the view, so that the
-mount of the linear model is the one that these poses show.
+Much of this error no residual can show, whatever the target: a mount and a base that
+are a little different move every profile nearly alike. `steps` are those of mount and
+base that take up the most of the errors, by least squares over the poses as the errors
+move the middle of the view. The steps are taken out of the errors, so that the mount of
+the linear model is the one that these poses show.
 
 Real errors bend. A joint errs about an axis v that itself turns with the pose: after a
-turn θ, the flange has it at
+turn θ, the flange has the axis at
 
     exp(-θ×) v = v - θ × v + θ × (θ × v) / 2 - ...
 
 The first term is an error of mount or base, the second a smooth error; the third is
-such an error times θ / 2. So each smooth error has three `bends`: itself times half of
-each component of the turn. Ten orientations say little of so many; they are not
+a smooth error times θ / 2. So each smooth error has three `bends`: itself times half of
+each component of the turn. Ten orientations say little of so many bends; bends are not
 estimated, but considered (`LinearModel.by_bends`).
 
-A wrist that turns over between two poses errs by a jump, which is none of these.
+A wrist that turns over between two poses errs by a jump, which is no smooth error.
 """
 
 from collections.abc import Sequence
@@ -34,9 +37,10 @@ from scipy.spatial.transform import Rotation
 from profilecal.geometry.poses import Frames, inverse, nearest_rotation
 from profilecal.joint.nesting import parts_of
 
-# The size of the errors is what they come to over so long a way, or a turn of a radian.
+# The size of the errors is what they come to over a displacement so long, or a turn of
+# a radian.
 REACH_MM = 750.0
-# A turn of the view counts as the way of a point so far from its middle.
+# A turn of the view counts as the shift of a point so far from the view's middle.
 VIEW_MM = 20.0
 COEFFICIENTS = 27
 SIZE = 6 * (12 + COEFFICIENTS)  # numbers of the motions of a profile, without bends
@@ -52,21 +56,22 @@ class SmoothErrors:
     """What each coefficient does to P profiles, for one unit of the errors' size.
 
     Motions (6) are of the flange: a shift, mm, and a turn, rad, about the sensor's
-    axes. They are made where they are needed, of some profiles at a time: those of
+    axes. Motions are made where they are needed, of some profiles at a time: those of
     60,000 profiles take 110 MB.
     """
 
-    poses: Frames  # (P, 3, 3), (P, 3) of the flange; to hand, of the base in its frame
+    # (P, 3, 3), (P, 3) the flange in the base; to hand, the base in the flange's frame
+    poses: Frames
     sensor: Frames  # (3, 3), (3,)
-    seen: ndarray  # (3,) the middle of its view, in its frame
+    seen: ndarray  # (3,) the middle of the sensor's view, in the sensor's frame
     ratio: float  # an error of the orientation, rad, to one of the position
     to_hand: bool
-    middle: Frames  # orientation (3, 3) and position (3,) that they are counted from
-    ways: ndarray  # (P, 3) from there, over REACH_MM
-    turns: ndarray  # (P, 3) from there, rad
+    middle: Frames  # the orientation (3, 3) and the position (3,) in the middle
+    displacements: ndarray  # (P, 3) of the flange from the middle, over REACH_MM
+    turns: ndarray  # (P, 3) of the flange from the middle, rad
     # (12, count) the steps of sensor pose and base that take up the most of the errors
     steps: ndarray
-    bends: bool = False  # whether these follow the coefficients; four times as many
+    bends: bool = False  # whether the bends' coefficients follow, 3 of each of the 27
 
     @property
     def count(self) -> int:
@@ -75,7 +80,7 @@ class SmoothErrors:
 
     @property
     def known(self) -> Known:
-        """What other poses need to know of these."""
+        """What smooth errors of other poses need to be the same errors."""
         return *self.middle, self.steps
 
     def columns(
@@ -95,7 +100,11 @@ class SmoothErrors:
 
     def keeping(self, kept: ndarray) -> "SmoothErrors":
         """The same where only the profiles kept (P,) say what the steps are: those that
-        take up the most of their errors, by least squares, as these move the view.
+        take up the most of the errors, by least squares, as the errors move the view.
+
+        The steps are found anew also where they were `known` (`smooth_errors`). Nobody
+        keeps some profiles of these: a model of known steps has no smooth errors, but
+        their columns among A's (`Problem.model`).
         """
         weights = np.repeat([1.0, VIEW_MM], 3)[:, None]
         products = np.zeros((12 + self.count,) * 2)
@@ -128,10 +137,11 @@ class SmoothErrors:
         axes = np.eye(3)[None] if self.to_hand else to_sensor
         of_turn = np.eye(3)[..., None] * turns
         # profile; shift or turn (2); axis of the sensor (3); of the coefficient, the
-        # kind (3: shift by way, shift by turn, turn by turn), its axis (3), and the
-        # component of the way or turn that it multiplies (3)
+        # kind (3: the matrices A, B and C), its axis (3), and the component of the
+        # displacement or turn that it multiplies (3)
         errors = np.zeros((len(R), 2, 3, 3, 3, 3))
-        errors[:, 0, :, 0] = axes[..., None] * self.ways[some, None, None]
+        displaced = self.displacements[some, None, None]
+        errors[:, 0, :, 0] = axes[..., None] * displaced
         errors[:, 0, :, 1] = of_turn
         errors[:, 1, :, 2] = self.ratio * of_turn
         of_flange = errors.reshape(-1, 6, COEFFICIENTS)
@@ -142,7 +152,7 @@ class SmoothErrors:
         return rigid, of_flange
 
     def arms(self, some: ndarray) -> ndarray:
-        """From the flange to the sensor of some profiles, in its frame, (k|1, 3)."""
+        """From flange to sensor, of some profiles, in the sensor's frame, (k|1, 3)."""
         R_sensor, T_sensor = self.sensor
         if not self.to_hand:
             return (T_sensor @ R_sensor)[None]
@@ -167,9 +177,9 @@ def smooth_errors(
     steps = np.zeros((12, COEFFICIENTS))  # until they are found
     if known:
         rotation, place, steps = map(np.asarray, known)
-    ways = (places - place) / REACH_MM
+    displacements = (places - place) / REACH_MM
     turns = Rotation.from_matrix(rotation.T @ R, assume_valid=True).as_rotvec()
-    counted = (rotation, place), ways, turns, steps
+    counted = (rotation, place), displacements, turns, steps
     errors = SmoothErrors(poses, sensor, seen, ratio, to_hand, *counted)
     return errors if known else errors.keeping(np.ones(len(R), dtype=bool))
 

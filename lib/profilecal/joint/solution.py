@@ -24,7 +24,7 @@ class Solution:
     """One calibration with its evidence."""
 
     state: State  # the sensor pose and the targets, a batch of one
-    # (6, 6) of (ρ, φ) in the sensor's frame, mm and rad: T = T̂ · exp(δ)
+    # (6, 6) of δ = (ρ, φ) in the sensor's frame, mm and rad: T = T̂ · exp(δ)
     covariance: ndarray
     prior: Prior  # of the errors
     error_sizes: ErrorSizes
@@ -41,17 +41,21 @@ class Solution:
 
     @property
     def covariance_total(self) -> ndarray:
-        """The covariance (6, 6) of the true sensor pose, with what no residual shows:
-        one error of the flange at all poses, as large as its accuracy.
+        """The covariance (6, 6) of the true sensor pose, with two errors that no
+        residual shows, both of the mean variance of smooth errors: one error of the
+        flange at all poses, of the size estimated for smooth errors; and the part of
+        the smooth errors that a change of the mount takes up (`smooth`), the first six
+        rows of `steps`.
 
-        A flange that is shifted by s and turned by ψ takes the sensor, at a in the
-        sensor's frame, along: ρ = s + ψ × a, φ = ψ. These are the rows of `lever`.
-        Eye-to-hand, the sensor's own place errs so, and a is zero.
+        A flange that is shifted by s and turned by ψ takes along the sensor, which is
+        at a, in the sensor's frame: ρ = s + ψ × a, φ = ψ. These are the rows of
+        `lever`. Eye-to-hand, the sensor's own place has the error, and a is zero.
         """
         sizes = self.error_sizes
         if SMOOTH not in sizes.of_robot:
             return self.covariance
-        arm = np.zeros(3)  # from what errs to the sensor, in its frame
+        # from the place that has the error to the sensor, in the sensor's frame
+        arm = np.zeros(3)
         if not self.problem.to_hand:
             arm = self.rotation.T @ self.translation
         lever = shifting(arm)
@@ -92,9 +96,10 @@ class Solution:
 
     @property
     def known_of_all(self) -> tuple[ndarray, ndarray]:
-        """What is known of all columns: mean and covariance of the unknowns, which are
-        at their mean as the clock is, of the errors considered, and of the coefficients
-        of smooth errors. All regions are enlarged as that of the sensor pose is.
+        """Mean and covariance of a step from the solution, of the unknowns, the errors
+        considered, and the coefficients of smooth errors. The mean is zero of the
+        unknowns and the clock, which the solution has at their mean. All regions are
+        enlarged as that of the sensor pose is.
         """
         sizes, problem = self.error_sizes, self.problem
         posterior = self.model()[0].posterior(sizes.mean_v[None])
@@ -116,7 +121,9 @@ class Solution:
 
     @property
     def delay_sd_s(self) -> float:
-        """Its standard deviation, beforehand 0.2 s unless the delay was given."""
+        """The standard deviation of `delay_s`, beforehand DELAY_S unless the delay was
+        given; only where something moved.
+        """
         clock = self.problem.clock
         return float(np.sqrt(self.error_sizes.covariance[clock, clock]))
 
@@ -127,7 +134,7 @@ class Solution:
 
     @property
     def translation(self) -> ndarray:
-        """(3,) mm, the sensor's origin in the same frame."""
+        """(3,) mm, the sensor's origin in the frame of `rotation`."""
         return self.state.translation[0]
 
     @property

@@ -24,9 +24,9 @@ UNSETTLED = (
     f"the answer, or which poses belong to it, still changed after {ROUNDS} rounds; "
     "look at the poses that were left out, and add others"
 )
-# Standard deviations that a step may leave to the next one; poses follow a delay less
-# evenly than a state.
-LITTLE = 0.002
+# Standard deviations that a step may leave to the next one. Residuals are less linear
+# in the delay than in a state, so that more of the delay may be left.
+LITTLE_OF_STATE = 0.002
 LITTLE_OF_DELAY = 0.02
 
 
@@ -58,10 +58,14 @@ def solve(
     candidates = fits.state  # for another sensor pose that fits as well
     if robust:
         fits = fits_of_most(problem, fits, given.usual_mm)
+    # how large residuals are, over the noise of `given`
     scale = 1.0 if given.source == "given" else problem.typical(fits)[0]
     prior = given
+    # what is believed of robot, scanner and target then explains nothing: none of their
+    # errors is estimated but smooth ones
     if not prior.robot_known and is_beyond_robots(problem, fits, scale):
         prior = prior.without_robot
+    # the noise of `given` then is 1 mm, which stands for noise that is not known
     if prior.source == "residuals":
         prior = prior.with_scanner(prior.scales.profile_mm * scale)
     if prior is not given:
@@ -71,20 +75,20 @@ def solve(
 
 
 def problem_of(observations: Sequence[Observations], prior: Prior) -> Problem:
-    """What was seen, by noise of the scales that are believed."""
+    """The problem of what was seen, with noise and errors of the sizes of a prior."""
     return Problem(observations, prior.scales, prior.systematic, mount=prior.mount)
 
 
 def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Estimate:
-    """The state and the size of every error as the residuals have them, from a state
-    nearby: what does not belong is left out, the sizes are estimated without it, and a
-    Gauss-Newton step is taken, until nothing changes. `robust`: whether anything is
-    left out.
+    """The state and the size of every error that the residuals tell, from a state
+    nearby. In each round, profiles that do not belong are left out, a Gauss-Newton step
+    is taken, and the sizes are estimated from the profiles kept, until nothing changes.
+    `robust`: whether any profile is left out.
     """
     names = prior.names(problem.groups.distinguishable)
     law = prior.law(names)
     model = problem.model(state, names)
-    first = after = model.kept
+    first = after = model.kept  # all profiles, which stay if not `robust`
     if robust:
         first = of_large_errors(problem, state, model, prior)
     model = model.keeping(first)
@@ -104,12 +108,13 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
 
 
 def leaves_little(problem: Problem, posterior: Posterior) -> bool:
-    """Whether the step x of all unknowns leaves little to the next one, compared with
-    how well they are known: about |x| `reach`(x), as that is of second order.
+    """Whether the step x (n + c,) leaves little to the next one, compared with how well
+    the n unknowns and the delay are known. A step leaves an error of second order,
+    about |x| `reach`(x); of the delay, the step itself is compared.
     """
     sd = np.sqrt(np.diag(posterior.covariance[0]))
     step = np.abs(posterior.mean[0]) / sd
-    small = (step * reach(posterior.mean) < LITTLE)[: problem.n].all()
+    small = (step * reach(posterior.mean) < LITTLE_OF_STATE)[: problem.n].all()
     if problem.clock is not None:
         small &= step[problem.clock] < LITTLE_OF_DELAY
     return bool(small)

@@ -94,7 +94,7 @@ def of_poses(found: Calibration) -> tuple[Sequence[ndarray], ...]:
     and limits that are exceeded so seldom that no good pose should.
     """
     solution = found.solution
-    count = solution.problem.freedoms
+    count = solution.problem.counts_or_1
     limits = np.sqrt(chi2_limit(FALSE_ALARM / len(count), count) / count)
     return solution.normalised, solution.rejected, solution.problem.split(limits)
 

@@ -210,7 +210,7 @@ def test_the_structure_gives_the_answers_of_the_dense_covariance(
         none = np.zeros((1, len(v)))
         none[0, 0] = 1.0
         mean, _, _, _ = textbook(r, A, np.eye(len(r)), dense.precision)
-        exact = model.without_robot().posterior(none)
+        exact = model.without_fresh().posterior(none)
         for found in (model.posterior(none), exact):
             assert_allclose(found.mean[0, :N], mean, rtol=1e-8)
         assert_allclose(exact.log_evidence, model.posterior(none).log_evidence)
