@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 
 from profilecal.calibration.doubts import doubts
 from profilecal.profiles.ends import FEW
-from profilecal.profiles.points import Feature
+from profilecal.profiles.features import Feature
 from profilecal.scan.scan import MEASURED, Scan
 from profilecal.scan.tables import ScanError, listed
 from profilecal.targets.observations import Observations

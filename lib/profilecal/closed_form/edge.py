@@ -178,8 +178,8 @@ def edge_equations(
     R_b: ndarray, T_b: ndarray, p_s: ndarray, present: ArrayLike = True
 ) -> EdgeSolution:
     """Both phases, without the guards of `solve_edge`."""
-    rotation = solve_rotation(R_b, T_b, p_s)
-    translation = solve_translation(R_b, T_b, p_s, rotation.R_sensor, present)
+    rotation = edge_rotation(R_b, T_b, p_s)
+    translation = edge_translation(R_b, T_b, p_s, rotation.R_sensor, present)
     return EdgeSolution(rotation, translation)
 
 
@@ -266,7 +266,7 @@ def unvec(r: ndarray) -> ndarray:
     return r.reshape(*r.shape[:-1], 3, 3).mT
 
 
-def solve_rotation(R_b: ndarray, T_b: ndarray, p_s: ndarray) -> EdgeRotation:
+def edge_rotation(R_b: ndarray, T_b: ndarray, p_s: ndarray) -> EdgeRotation:
     """Phase one, Eqs 25-27."""
     A_r, b_r = rotation_system(R_b, T_b, p_s)
     # not a share of A_r, which is rounding alone where points lie along a line
@@ -331,7 +331,7 @@ def translation_system(
     return A_t.reshape(*A_t.shape[:-3], -1, 3), b_t.reshape(*b_t.shape[:-2], -1)
 
 
-def solve_translation(
+def edge_translation(
     R_b: ndarray,
     T_b: ndarray,
     p_s: ndarray,

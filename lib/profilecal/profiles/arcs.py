@@ -11,13 +11,11 @@ from scipy.spatial.distance import cdist
 
 from profilecal.geometry.fitting import fit_circle
 from profilecal.profiles.candidates import AMBIGUOUS
+from profilecal.profiles.features import Feature, block_means, nothing
 from profilecal.profiles.points import (
     LARGEST_TOLERANCE,
-    Feature,
     Profiles,
-    block_means,
     in_each,
-    nothing,
     stretches,
     surface,
     variance_inflation,

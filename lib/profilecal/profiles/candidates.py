@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from profilecal.profiles.ends import End, end_variance
-from profilecal.profiles.points import Feature, Profiles, nothing
+from profilecal.profiles.features import Feature, nothing
+from profilecal.profiles.points import Profiles
 
 # a second candidate with this share of what supports the first leaves the choice open:
 # of length, and of profiles that show it

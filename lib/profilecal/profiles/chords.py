@@ -8,7 +8,8 @@ import numpy as np
 
 from profilecal.profiles.candidates import Candidate, choose, ranked
 from profilecal.profiles.ends import CLEAR, View, facing, run_end, step_beyond
-from profilecal.profiles.points import Feature, Profiles, in_each
+from profilecal.profiles.features import Feature
+from profilecal.profiles.points import Profiles, in_each
 from profilecal.profiles.runs import Run, straight_runs
 
 

@@ -11,7 +11,8 @@ from numpy import ndarray
 
 from profilecal.profiles.candidates import AMBIGUOUS, Candidate, choose, ranked
 from profilecal.profiles.ends import BLUNT, View, facing, run_end, step_beyond
-from profilecal.profiles.points import Feature, Profiles, in_each, nothing
+from profilecal.profiles.features import Feature, nothing
+from profilecal.profiles.points import Profiles, in_each
 from profilecal.profiles.runs import Run, straight_runs
 
 LEAST_SIDE = 10  # points on either side of a corner

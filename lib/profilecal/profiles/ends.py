@@ -1,5 +1,8 @@
 """Where straight runs end, finer than a profile's points are spaced, and what is
 beyond. Functions look at a run's last point; `Run.reversed` shows them the first one.
+
+Points are counted: N within a threshold of the run's line, of which M are of the side
+wall. `run_end` says where that makes the run end, `end_variance` how well it is known.
 """
 
 from collections.abc import Iterable
@@ -89,7 +92,7 @@ class End:
     # in which rows show its other side, less those that are usual along the run
     overlaps: float
     # points of the step's side wall between one and two thresholds from the run's line
-    wall: int
+    wall_points: int
     variance: float  # of where a row is along the run, in points²
 
 
@@ -209,9 +212,9 @@ def end_variance(ends: list[End]) -> float:
     """
     if not ends:
         return 0.0
-    without_wall = [end for end in ends if not end.wall]
+    without_wall = [end for end in ends if not end.wall_points]
     overlaps = np.mean([end.overlaps for end in without_wall or ends])
     k = np.linspace(1, 40, 400)
     spot = np.interp(overlaps, (k - 1) ** 3 / (6 * k**2), k)
-    wall = np.mean([end.wall for end in ends])
+    wall = np.mean([end.wall_points for end in ends])
     return spot / 6 + min(2 * wall, 2 / 3 * spot)

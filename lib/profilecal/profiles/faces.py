@@ -6,15 +6,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from profilecal.profiles.candidates import AMBIGUOUS
 from profilecal.profiles.ends import BLUNT
-from profilecal.profiles.points import (
-    Feature,
-    Profiles,
-    block_means,
-    in_each,
-    nothing,
-    stretches,
-    tolerance,
-)
+from profilecal.profiles.features import Feature, block_means, nothing
+from profilecal.profiles.points import Profiles, in_each, stretches, tolerance
 from profilecal.profiles.runs import LEAST_POINTS, Run, straight_runs
 
 

@@ -34,19 +34,6 @@ NAMES = [convention.name for convention in CONVENTIONS]
 # it sees a whole disk of 50 mm radius
 WIDE = Scanner(near=40.0, far=260.0, near_width=100.0, far_width=220.0)
 USUAL_NOISE = Noise(profile_mm=0.05)
-# what would change nothing in a simulated scan
-IDLE = {
-    "at rest": ("jitter_ms",),
-    "in motion": (
-        "joint_deg",
-        "link_mm",
-        "repeatability_mm",
-        "repeatability_deg",
-        "repeats",
-    ),
-    "of no point": ("steering_mm",),
-    "of any kind": ("accuracy_mm", "accuracy_deg"),
-}
 
 
 @dataclass(frozen=True)
@@ -240,15 +227,14 @@ def simulate_scan(spec: Spec) -> Scan:
 
 
 def check_effects(spec: Spec) -> None:
-    """Refuse sizes of what a simulation of this scan leaves out."""
-    ways = ["of any kind", "at rest" if spec.motion is None else "in motion"]
-    if spec.kind != "point":
-        ways.append("of no point")
+    """Refuse errors that a robot may have and a simulation of this scan leaves out."""
     sizes = asdict(spec.noise) | asdict(spec.robot) | {"repeats": spec.repeats - 1}
-    for way in ways:
-        for name in IDLE[way]:
-            if sizes[name]:
-                raise ScanError(f"{name} has no effect in a simulated scan {way}")
+    idle = ["accuracy_mm", "accuracy_deg"]
+    if spec.motion:
+        idle += ["joint_deg", "link_mm", "repeats"]
+    for name in idle:
+        if sizes[name]:
+            raise ScanError(f"{name} has no effect in this simulation; leave it out")
 
 
 def taken(scene: Scene, spec: Spec, rng: Generator) -> Frames:

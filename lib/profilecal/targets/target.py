@@ -38,7 +38,8 @@ from numpy import ndarray
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import Frames, directions, frame_around, unit
-from profilecal.profiles.points import Feature, Profiles, in_order
+from profilecal.profiles.features import Feature
+from profilecal.profiles.points import Profiles, in_order
 
 # of vectors in the sensor frame x, y and z, each an array (batch, 1 or points, poses)
 Components = Sequence[ndarray] | ndarray

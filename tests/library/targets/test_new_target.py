@@ -15,7 +15,7 @@ import profilecal as pc
 from profilecal.geometry.fitting import principal_axes
 from profilecal.geometry.poses import cross
 from profilecal.profiles.edges import crossing, crossing_covariance
-from profilecal.profiles.points import Feature, nothing
+from profilecal.profiles.features import Feature, nothing
 from profilecal.profiles.runs import Run, straight_runs
 from profilecal.targets import TARGETS
 from profilecal.targets.target import ALONG_Y, Target
