@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray
-from pandas import DataFrame
+from pandas import DataFrame, Series
 
 from profilecal.scan.conventions import Convention
 from profilecal.scan.tables import Table, cell_number
@@ -108,7 +108,8 @@ class Block:
             tcp_x [m], Speed       x of tcp, in m; Speed is not known
             tcp_pos_1 … tcp_pos_3  x, y, z of tcp
             z_1 … z_200            z: a row is a profile
-            200 without titles     z, but for a first one that counts rows: a label
+            200 without titles     z, but for a first one that counts rows, nth,
+                                   or of words, a label
         """
         columns = [column_titled(*one) for one in enumerate(self.titles)]
         for name, own in self.lists_among(columns).items():
@@ -116,10 +117,8 @@ class Block:
             axis = column_titled(0, name).role if name else "z"
             if is_long and axis in XYZ:
                 roles, owner = [axis] * len(own), name
-                rows = len(self.table)
-                begins = {*(self.table[own[0].at] - np.arange(rows))}
-                if not name and rows > 1 and begins in ({0}, {1}):
-                    roles[0] = "label"  # which counts the rows
+                if not name:
+                    roles[0] = role_before_heights(self.table[own[0].at])
             else:
                 roles, owner = self.roles_of_list(name, own)
             for column, role in zip(own, roles, strict=False):
@@ -220,6 +219,17 @@ def has_constants(cells: DataFrame, roles: list[str]) -> bool:
     expected = {k: int(role) for k, role in enumerate(roles) if role in ("0", "1")}
     found = cells.iloc[:, [*expected]].dropna()
     return (found == [*expected.values()]).all(axis=None)
+
+
+def role_before_heights(cells: Series) -> str:
+    """The role of a first column: of words, a label; of numbers that count the rows,
+    nth; or else of heights.
+    """
+    if all(isinstance(cell, str) and cell[:1].isalpha() for cell in cells):
+        return "label"
+    rows = np.arange(len(cells))
+    is_count = len(cells) > 1 and any((cells == rows + k).all() for k in (0, 1))
+    return "nth" if is_count else "z"
 
 
 def is_of_other(name: str) -> bool:

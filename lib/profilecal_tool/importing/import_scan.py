@@ -20,7 +20,11 @@ from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.blocks import Block, Files, counted
 from profilecal_tool.importing.pair_profiles import Times, pair_profiles
 from profilecal_tool.importing.questions import Layout, Question, one_or_ask
-from profilecal_tool.importing.read_file import blocks_in_file, is_known
+from profilecal_tool.importing.read_file import (
+    blocks_in_file,
+    is_known,
+    programs_in_file,
+)
 from profilecal_tool.importing.robot_poses import pose_entries, poses_in, robot_poses
 from profilecal_tool.importing.scanner_profiles import (
     points_of_file,
@@ -110,17 +114,21 @@ def read_folder(
 def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
     """The files of a folder by what they are called but for numbers, as scan_*.csv, and
     by patterns that a user says; with their blocks, of the rows that are wanted, and
-    with a point in each row. Raises ScanError.
+    with a point in each row. Where a user says both patterns, of the other files only
+    what they declare as programs, such as tools. Raises ScanError.
     """
     said = [pattern for pattern in (layout.poses, layout.profiles) if pattern]
     paths = {path: name for name in said for path in files_matching(folder, name)}
-    if len(said) < 2:
-        for path in files_matching(folder, "**/*"):
-            if path not in paths and is_known(path):
-                paths[path] = re.sub(r"\d+", "*", str(path.relative_to(folder)))
+    for path in sorted_files(folder, "**/*"):
+        if path not in paths and (len(said) == 2 or is_known(path)):
+            paths[path] = re.sub(r"\d+", "*", str(path.relative_to(folder)))
+    if not paths:
+        raise ScanError(f"{folder}: no files; is the folder right?")
     families = {}
     for path, name in watched([*paths.items()], "reading"):
-        found = blocks_in_file(path, layout.encoding)
+        is_beside = len(said) == 2 and name not in said
+        read = programs_in_file if is_beside else blocks_in_file
+        found = read(path, layout.encoding)
         wanted = [with_rows_wanted(block, layout.where) for block in found]
         blocks = [with_a_point_a_row(block, layout) for block in wanted]
         families.setdefault(name, {})[path] = blocks
@@ -128,11 +136,18 @@ def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
 
 
 def files_matching(folder: Path, pattern: str) -> list[Path]:
-    """The files of a pattern, p2 before p10; or one elsewhere. Raises ScanError."""
-    inside = [folder / name for name in glob(pattern, root_dir=folder, recursive=True)]
-    paths = [path for path in inside or [Path(pattern)] if path.is_file()]
+    """The files of a pattern in a folder; or one elsewhere. Raises ScanError."""
+    elsewhere = [path for path in [Path(pattern)] if path.is_file()]
+    paths = sorted_files(folder, pattern) or elsewhere
     if not paths:
         raise ScanError(f"{folder}: no file matches {pattern!r}; is the folder right?")
+    return paths
+
+
+def sorted_files(folder: Path, pattern: str) -> list[Path]:
+    """The files of a pattern in a folder, p2 before p10."""
+    inside = [folder / name for name in glob(pattern, root_dir=folder, recursive=True)]
+    paths = [path for path in inside if path.is_file()]
     return sorted(paths, key=lambda p: re.sub(r"\d+", lambda d: d[0].zfill(20), str(p)))
 
 

@@ -4,6 +4,7 @@ fields that follow each other, and of sheets.
 
 import re
 from collections.abc import Collection, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from io import BytesIO
 from itertools import islice
@@ -46,6 +47,15 @@ def blocks_in_file(path: Path, encoding: str) -> Iterable[Block]:
         return programs
     with naming(path):
         return [*text_blocks(path, text.encode()), *programs]
+
+
+def programs_in_file(path: Path, encoding: str) -> list[Block]:
+    """The blocks of a program; none in any other file, or in one that does not open."""
+    is_other = path.suffix.lower() in SHEETS | BINARY | NESTED
+    with suppress(OSError, ScanError):
+        if not is_other and path.stat().st_size < LARGEST_PROGRAM and is_known(path):
+            return [*program_blocks(path, decoded_text(path, encoding))]
+    return []
 
 
 def decoded_text(path: Path, encoding: str) -> str:

@@ -43,7 +43,8 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     heights = block.numbers(z, blank=True)
     places = np.broadcast_to(places_of(block, x, z, layout), heights.shape)
     beside = block.table.drop(columns=[column.at for column in (*x, *z)])
-    titles = [*(block.titles[at] for at in beside), "nth", "profile x", "profile z"]
+    known = [column.role for column in block.columns] if block.is_bare else block.titles
+    titles = [*(known[at] for at in beside), "nth", "profile x", "profile z"]
     table = beside.loc[beside.index.repeat(len(z))].assign(
         nth=np.arange(len(heights)).repeat(len(z)),
         x=places.ravel(),

@@ -410,6 +410,18 @@ def heights(folder):
     write_table(folder / "z.csv", "", rows)
 
 
+def cut_short(folder):
+    """A text in UTF-16, within a letter."""
+    (folder / "notes.txt").write_bytes("notes".encode("utf-16")[:-1])
+
+
+def heights_behind_names(folder):
+    """In rows that begin with the name of their pose."""
+    rows = [[f"XP{k}", *points[:, 1]] for k, points in enumerate(scan().values)]
+    lines = [";".join(map(str, row)).replace(".", ",") for row in rows]
+    write_lines(folder / "z.csv", lines)
+
+
 def labels_lost(folder):
     """Below a blank line."""
     lines = (folder / "robot.csv").read_text().splitlines()
@@ -453,6 +465,18 @@ SAID = {
         ),
         "one at [12.0, 0.0, 0.0], taken off; in base 2, not taken off",
     ),
+    "a frame beside files that are said": (
+        kuka,
+        one_each,
+        edited("scan.dat", "DECL FDAT", ";", 12),
+        a_file("scan.src", "$TOOL={X 12,Y 0,Z 0,A 0,B 0,C 0}"),
+        cut_short,
+        "--poses",
+        "scan.dat",
+        "--profiles",
+        "scan_*.csv",
+        "files left out… notes.txt… one at [12.0, 0.0, 0.0], taken off",
+    ),
     "a line": (fanuc, one_each, ON_TOOL_3, "3, whose frame is not here"),
     "two frames of one tool": (
         abb,
@@ -493,6 +517,23 @@ SAID = {
         "/ written",
     ),
     "heights": (tum, heights, "--x", "0", "2", "[0.0, 85.5] to [38.0, 138.875] mm"),
+    "heights behind names": (
+        listed(GERMAN.format("Messung"), BY_XP, order=BACKWARDS),
+        heights_behind_names,
+        "--x",
+        "0",
+        "2",
+        "[0.0, 85.5] to [38.0, 138.875] mm… by Messung and the names",
+    ),
+    "a word in heights": (
+        tum,
+        heights,
+        edited("z.csv", "\n5,", "\noops,"),
+        "--x",
+        "0",
+        "2",
+        "z.csv line 6: column 1 is 'oops'",
+    ),
     "rows": (tum, "--where", "y=0", "no rows where y=0; the columns are … x, z"),
     "no rows": (tum, "--where", "x=7", "no profiles in rows where x=7"),
     "too few": (tum, "--pose-columns", "x,y", "--pose-columns says x,y"),
@@ -527,7 +568,7 @@ SAID = {
         a_file("tcp.csv", "j1,j2,j3,j4,j5,j6\n0,1,2,3,4,5"),
         "joint angles are none",
     ),
-    "nothing": (nothing, nothing, "no file matches"),
+    "nothing": (nothing, nothing, "in: no files"),
     "no poses": (nothing, one_each, "no file holds the poses"),
     "nothing has titles": (
         of_angles(""),
