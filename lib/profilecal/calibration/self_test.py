@@ -20,11 +20,10 @@ from numbers import Integral
 import numpy as np
 from numpy import ndarray
 from numpy.random import Generator
-from scipy.special import bdtr, ndtr, stdtr
+from scipy.special import bdtr, ndtr
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.plausibility import systematic_tests
-from profilecal.calibration.several_scans import prefixes
 from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import (
     FALSE_ALARM,
@@ -34,15 +33,13 @@ from profilecal.geometry.noise import (
 )
 from profilecal.geometry.poses import difference, rotations
 from profilecal.geometry.progress import watched
-from profilecal.joint.prior import BEND, Mount, Prior
+from profilecal.joint.prior import Mount, Prior
 from profilecal.joint.problem import FLANGE, Problem
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import solve
-from profilecal.scan.scan import Scan
 from profilecal.targets.observations import Observations
 
 FEWEST = 10
-LEAST_LINE = 10  # points of a line whose bend is looked at
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -161,42 +158,7 @@ def self_test(found: Calibration, count: int = 100, seed: int = 1) -> SelfTest:
         squares.append(normalised_square(again.covariance, error))
     tests = systematic_tests(solution)
     chances = {one.words: float(2 * ndtr(-abs(one.clear))) for one in tests}
-    for name, scan in zip(prefixes(found.scans), found.scans, strict=True):
-        bends = bend_of_lines(scan, solution)
-        chances |= {name + words: chance for words, chance in bends.items()}
     return SelfTest(np.array(squares), chances)
-
-
-def bend_of_lines(scan: Scan, solution: Solution) -> dict[str, float]:
-    """How far the straight lines beside the edges in raw profiles are bent, in words,
-    with the chance of a larger bend by scanners as they may be.
-
-    A bend adds b (x / 50)² to z, so that b is 2500 times the coefficient of x² in a
-    line's z(x), whatever its slope. Lines count as they are long and full.
-    """
-    if scan.measured != "profiles" or scan.target.points != 1:
-        return {}
-    bends, weights = [], []
-    features = scan.target.find(scan.values, *scan.sizes)
-    for profile, feature in zip(scan.values, features, strict=True):
-        x, z = profile[feature.used].T
-        for at in feature.points[:, 0]:
-            for side in (x < at, x > at):
-                if np.count_nonzero(side) >= LEAST_LINE:
-                    line = x[side] - x[side].mean()
-                    bends.append(2500 * np.polyfit(line, z[side], 2)[0])
-                    weights.append(len(line) * np.ptp(line) ** 4)
-    if len(bends) < FEWEST:
-        return {}
-    share = np.array(weights) / np.sum(weights)
-    bend = share @ bends
-    believed = solution.problem.considered.get(BEND, 0.0)
-    sd = np.sqrt(share**2 @ (bends - bend) ** 2 + believed**2)
-    words = (
-        f"the lines beside the edge were bent by {bend:+.2g} mm, 50 mm from the "
-        "middle, as by the scanner or in their faces"
-    )
-    return {words: float(2 * stdtr(len(bends) - 1, -abs(bend) / sd))}
 
 
 def simulated(

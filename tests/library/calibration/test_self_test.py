@@ -6,7 +6,7 @@ from itertools import cycle
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from simulated import ERRING, calibration_of, scan_of, with_values
+from simulated import ERRING, calibration_of, scan_of
 
 import profilecal as pc
 from profilecal.calibration.plausibility import systematic_tests
@@ -42,24 +42,16 @@ def test_patterns_of_scans_as_the_model_has_them_are_standard_normal(kind):
     assert 0.6 < np.mean(squares) < 1.5  # of some eight independent ones in each
 
 
-def bent(scan):
-    curved = with_values(scan, lambda rows: rows + [0, 0.5] * (rows[:, :1] / 50) ** 2)
-    return replace(curved, noise={})
-
-
 def scaled(scan):
     return replace(scan, p_base_flange=1.01 * scan.p_base_flange, noise={})
 
 
 # a plane of 20 poses hardly shows a scale
-@pytest.mark.parametrize(
-    ("kind", "change"), [("edge", bent), ("edge", scaled), ("plane", scaled)]
-)
-def test_a_fault_that_the_model_does_not_have_is_named(kind, change):
-    found = pc.calibrate(change(scan_of(kind, seed=3, noise=ERRING, **PLANS[kind])))
+@pytest.mark.parametrize("kind", ["edge", "plane"])
+def test_a_fault_that_the_model_does_not_have_is_named(kind):
+    found = pc.calibrate(scaled(scan_of(kind, seed=3, noise=ERRING, **PLANS[kind])))
     test = pc.self_test(found, 10)
-    word = "bent by +" if change is bent else "too far apart by"
-    assert word in test.strange[0]
+    assert "too far apart by" in test.strange[0]
     assert f"do not look like theirs, but as if {test.strange[0]}" in test.sentence
 
 
