@@ -175,8 +175,8 @@ def end_at(number: ndarray, along: ndarray) -> tuple[float, float, float]:
     """Where the point of number 0 would be, how far from the one before it, mm, and the
     variance of that place, in points².
 
-    Where points are missing at random, the others stray from an even pace, the farther
-    the more steps they are apart: then the last one tells more than the curve.
+    Where points are missing at random, the others stray from the curve, the farther the
+    more steps they are apart: then the last one tells more than the curve.
     """
     last = 6 * ZONE  # so many that the rounding of their coordinates averages out
     degree = 2 if len(number) > ZONE else 1  # fewer points show no bend
@@ -185,12 +185,13 @@ def end_at(number: ndarray, along: ndarray) -> tuple[float, float, float]:
     place, variance = curve[-1], covariance[-1, -1]
     spacing = max(curve[-2], 1e-3)
 
-    pace = np.ptp(along) / np.ptp(number)
-    even = along - pace * number
-    ahead = int(np.clip(-number[-1], 1, len(even) // 2))
-    over_one, over_all = (np.var(even[k:] - even[:-k]) for k in (1, ahead))
+    off = along - np.polyval(curve, number)
+    ahead = int(np.clip(-number[-1], 1, len(off) // 2))
+    over_one, over_all = (np.var(off[k:] - off[:-k]) for k in (1, ahead))
     if over_all > max(variance, 1.5 * over_one):
-        place, variance = even[-1], over_all
+        # a parabola through a random walk errs in slope, which adds this much or more
+        by_slope = 9 * ahead / len(off)
+        place, variance = place + off[-1], over_all * (1 + by_slope)
     return place, spacing, variance / spacing**2
 
 
