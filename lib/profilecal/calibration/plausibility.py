@@ -72,7 +72,9 @@ def systematic_tests(solution: Solution) -> list[Finding]:
         corrections, sds = says.each()
         visible = sds**-2 > ABSORBED * np.diag(normal)[n:-1]
         clear, moves = corrections / sds, (says.moves[:6] * corrections).T
-    allowed = poor_errors(solution)
+    # by error considered, the chance that it is far larger than usual
+    poor = solution.error_sizes.poor[problem.considered_columns]
+    allowed = dict(zip(problem.considered, poor, strict=True))
     every = zip(tried, corrections, clear, moves, strict=True)
     return [
         Finding(*one, 1 - allowed.get(one[0], 0.0)) for one in compress(every, visible)
@@ -166,14 +168,6 @@ def contradictions(solution: Solution) -> tuple[list[str], bool]:
         counts = f"{rejected.sum()} of {len(rejected)}"
         messages.append(f"{counts} poses contradict the others; {ADVICE}")
     return messages, are_large
-
-
-def poor_errors(solution: Solution) -> dict[Perturbation, float]:
-    """The errors that the answer considers, each with the chance that it is far larger
-    than usual, which the answer allows for.
-    """
-    poor = solution.error_sizes.poor[solution.problem.considered_columns]
-    return dict(zip(solution.problem.considered, poor, strict=True))
 
 
 def clear_findings(findings: list[Finding]) -> list[Finding]:

@@ -249,7 +249,7 @@ class Scan:
             side=side,
             group=group,
             group_given=group is not None,
-            noise={} if noise is None else noise,
+            noise=noise or {},
             mount=mount,
             title=title,
             convention=named(convention).name,

@@ -18,7 +18,6 @@ import profilecal as pc
 from profilecal.calibration.doubts import doubts
 from profilecal.calibration.observe import observe
 from profilecal.calibration.other_conventions import better_readings
-from profilecal.calibration.plausibility import poor_errors
 from profilecal.scan.toml import read_toml
 from profilecal.simulation.spec import truth_of
 
@@ -209,7 +208,8 @@ def test_a_scanner_that_errs_more_than_usual_is_allowed_for_and_named(
         found = pc.calibrate(replace(wrong(scan), noise={}))
         said += bool(re.search(words, " ".join(found.messages)))
         inside += squared_error(found) < 12.6
-        chances.append([*poor_errors(found.solution).values()])
+        considered = found.solution.problem.considered_columns
+        chances.append(found.solution.error_sizes.poor[considered])
     assert said >= 7
     assert inside >= 6
     likely = np.mean(chances, axis=0) > 0.5
