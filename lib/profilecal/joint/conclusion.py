@@ -106,8 +106,8 @@ def enlargement_by_misfit(
 
 
 def twin(solution: Solution, candidates: State) -> list[str]:
-    """A sentence on another sensor pose that fits as well, if there is one. It fits as
-    well if its χ² is no larger than χ² at the true sensor pose ever is, but rarely.
+    """A sentence on another sensor pose that fits as well, if there is one: its χ² is
+    below a limit that χ² at the true sensor pose rarely exceeds.
     """
     problem = solution.problem
     largest = solution.chi2 + RARE_SQUARE * max(1.0, solution.chi2_per_dof)

@@ -62,7 +62,7 @@ def roughly(problem: Problem, starts: Sequence = ()) -> float:
 
     best = np.argmin(list(map(loss, TRIED, fits)))
     step = TRIED[1] - TRIED[0]
-    around = TRIED[best] - step, TRIED[best] + step
+    around = TRIED[best] + [-step, step]
     found = minimize_scalar(
         loss, args=(fits[best],), bounds=around, options={"xatol": 1e-4}
     )

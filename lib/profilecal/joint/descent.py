@@ -160,7 +160,7 @@ def search_among_outliers(problem: Problem, found: State) -> State:
     few = few_poses(problem, 2 * POSES)
     state = found.join(tried[np.isfinite(few.moments(tried).loss)])
     likely = np.argsort(few.typical(few.moments(state)))[: 4 * KEPT]
-    return distinct(reweighted(few, state[likely], 3).state)
+    return distinct(reweighted(few, state[likely], rounds=3).state)
 
 
 def reweighted(problem: Problem, state: State, rounds: int) -> Fit:
@@ -201,8 +201,8 @@ def few_groups(observations: Observations, count: int) -> Observations:
     rng = np.random.default_rng(0)
     group = observations.labels
     P = len(group)
-    # Poses draw places in their group. They are in the order of their rounds, place //
-    # most_of_group, and within a round in a random order of the groups.
+    # Poses draw places in their group; place // most_of_group is the round of a pose.
+    # The order is by round, and within a round by group, with groups in random order.
     place = rng.random((count, P)) * np.bincount(group)[group]
     order = place // most_of_group + rng.random((count, P))[:, group]
     chosen = np.argsort(order, axis=1)[:, :most]

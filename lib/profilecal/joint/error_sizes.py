@@ -400,12 +400,12 @@ def growth(squared_errors: ndarray, weight: ndarray) -> float:
     """How much larger than its mean the covariance of the sensor pose has to be for its
     region to hold over all sizes, but for a chance FALSE_ALARM.
 
-    Mean squared errors Q (S, 6, 6) have the weights w (S,) and the mean C = Σ w Q. If
-    one Q is true, the squared error over C, e² = εᵀ C⁻¹ ε, has the mean a = tr C⁻¹Q and
-    the variance 2 b, b = tr (C⁻¹Q)². It is taken for b/a times χ² with a²/b degrees of
-    freedom (Satterthwaite 1946). The factor is the one at which, on average over w, the
-    chance that e² exceeds the factor times the limit of χ² with six degrees of freedom
-    is FALSE_ALARM.
+    Mean squared errors U_i (S, 6, 6) have the weights w_i (S,) and the mean U. If U_i
+    is true, the squared error e² = εᵀ U⁻¹ ε has the mean a = tr U⁻¹U_i and the variance
+    2 b, b = tr (U⁻¹U_i)². It is taken for b/a times χ² with a²/b degrees of freedom
+    (Satterthwaite 1946). The factor is the one at which, on average over w, the chance
+    that e² exceeds the factor times the limit of χ² with six degrees of freedom is
+    FALSE_ALARM.
     """
     mean = np.tensordot(weight, squared_errors, 1)
     ratio = np.linalg.solve(mean, squared_errors)

@@ -64,13 +64,13 @@ def contradicting(problem: Problem, fits: Fit, usual_mm: float) -> ndarray:
     """The profiles (profiles,) whose residuals in the best fit chance does not explain,
     if the noise is as large as the residuals of most poses, and at least as usual.
 
-    With the mean square q of its k residuals, over that noise, k q is beyond the limit
-    of χ².
+    χ² of these is the mean square of their residuals, over that noise, times how many
+    residuals there are.
     """
-    k = problem.counts_or_1
+    count = problem.counts_or_1
     unit = max(problem.typical(fits)[0], usual_mm / problem.noise.profile_mm)
-    limit = chi2_limit(FALSE_ALARM / len(k), k)
-    return fits.per_pose[0] * k > unit**2 * limit
+    limit = chi2_limit(FALSE_ALARM / len(count), count)
+    return fits.per_pose[0] * count > unit**2 * limit
 
 
 def robust_fit(problem: Problem, state: State) -> Fit:
@@ -78,7 +78,7 @@ def robust_fit(problem: Problem, state: State) -> Fit:
     poses. The unit of Cauchy's loss is the least of these, for all three, so that their
     losses can be compared.
     """
-    fits = reweighted(problem, state, 4)[:3]
+    fits = reweighted(problem, state, rounds=4)[:3]
     scale = np.full_like(fits.loss, problem.typical(fits).min())
     return refine(problem, fits.state, scale=scale, tolerance=ROUGHLY).best_first
 

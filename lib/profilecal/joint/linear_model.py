@@ -30,10 +30,11 @@ out last, all at once: their columns B stand before the others, Z = [B | A | r],
 the precision 1 / s² of their coefficients, and so come first in a Cholesky factor.
 
 In shapes, p is how many columns A has: the n unknowns of `Problem`, the c errors
-considered, and the d errors tried. m is how many columns B has, k how many errors there
-are beside the scanner's noise, S how many sets of variances are looked at together, K
-how many residuals a profile has, q the most rows of a profile that speak of the flange,
-and a how many directions errors have: 6 of the flange, and that of time.
+considered, the d errors tried, and the coefficients of smooth errors whose size is
+known. m is how many columns B has (not points, as in `residuals`), k how many errors
+there are beside the scanner's noise, S how many sets of variances are looked at
+together, K how many residuals a profile has, q the most rows of a profile that speak of
+the flange, and a how many directions errors have: 6 of the flange, and that of time.
 """
 
 from collections.abc import Sequence
@@ -67,12 +68,11 @@ class Posterior:
     """What is known of x for S sets of variances.
 
     It follows from the products N = Zᵀ C⁻¹ Z, Z = [B | A | r], and log |C|, where C is
-    without the smooth errors. With the diagonal S of s for B's coefficients and 1 for x
-    and r, L is the Cholesky factor of
+    without the smooth errors. With blocks for B, A and r, L is the Cholesky factor of
 
-        S N S + diag(1, Π, c)
+        diag(s, 1, 1) N diag(s, 1, 1) + diag(1, Π, large)
 
-    c any number that is large enough. The last row of L, but for the corner, is y. With
+    where any large number will do. The last row of L, but for the corner, is y. With
     smooth errors integrated out, and L_x and y_x for L and y from place m on,
 
         rᵀ P r = N_rr - Σ y²        H = L_x L_xᵀ        x̂ = -L_x⁻ᵀ y_x
@@ -310,9 +310,9 @@ class LinearModel:
         """By how much bends of the smooth errors, which are considered (Schmidt 1966),
         enlarge the covariance (p, p) of x, for variances v (1 + k,).
 
-        Bends, of columns B₂ and coefficients c ~ N(0, s²), are no part of the model:
-        the true residuals are r + B₂ c where the model has r. With B among the columns
-        of A, the mean of the model therefore moves by -V Aᵀ C⁻¹ B₂ c, and its
+        Bends, of columns B₂ and coefficients s u, u ~ N(0, 1), are no part of the
+        model: the true residuals are r + s B₂ u where the model has r. With B among the
+        columns of A, the mean of the model therefore moves by -s V Aᵀ C⁻¹ B₂ u, and its
         covariance should be larger by
 
             s² `moves` `moves`ᵀ        `moves` = V Aᵀ C⁻¹ B₂
@@ -342,7 +342,7 @@ class LinearModel:
         factors = posterior.factors
         # of the one set of variances
         _, (W,), (beta,) = factors.solve(self.rows.Z)
-        root = factors.root[0]  # L⁻¹
+        root = factors.root[0]  # L_i⁻¹
         W_E = factors.W_E[0].reshape(*root.shape[:-1], self.E.shape[2])
         Q = factors.covariances[self.rows.groups, None]
         P = root.mT @ (np.eye(W_E.shape[2]) - W_E @ Q @ W_E.mT) @ root  # of C⁻¹

@@ -7,12 +7,12 @@ from the profiles up, and its mean is carried down again.
 
 Leaves, with the errors that no other profile shares, of variances v_own:
 
-    D_i = v_0 + E_i v_own E_iᵀ = L Lᵀ      W_E, W_Z = L⁻¹ E_i, L⁻¹ Z_i
+    D_i = v_0 + E_i v_own E_iᵀ = L_i L_iᵀ      W_E, W_Z = L_i⁻¹ E_i, L_i⁻¹ Z_i
     [J | c] of a group = Σ W_Eᵀ [W_E | W_Z]
 
 Up, for a group with the sum [J | c] of its members, s = √v_g:
 
-    M = 1 + s J s = L Lᵀ   K = s M⁻¹ s      log |C| = Σ log |D_i| + Σ log |M|
+    M = 1 + s J s      K = s M⁻¹ s      log |C| = Σ log |D_i| + Σ log |M|
 
 Integrating out the error of the group takes J K [J | c] off its sum. The next coarser
 group has the sum over its members of
@@ -26,7 +26,7 @@ members of a group share, for each column of Z, and Q the covariance of that sum
 T = 1 - K J,
 
     β = M⁻¹ s (c - J b_above)      b = b_above + s β      Q = K + T Q_above Tᵀ
-    C⁻¹ Z = L⁻ᵀ (W_Z - W_E b)      (C⁻¹)_ii = L⁻ᵀ (1 - W_E Q W_Eᵀ) L⁻¹
+    (C⁻¹ Z)_i = L_i⁻ᵀ (W_Z - W_E b)      (C⁻¹)_ii = L_i⁻ᵀ (1 - W_E Q W_Eᵀ) L_i⁻¹
     E_gᵀ C⁻¹ E_g = J - J Q J       E_gᵀ C⁻¹ Z = s⁻¹ β
     Zᵀ C⁻¹ Z = Σ |W_Z - W_E b|² + Σ |β|²
 
@@ -48,9 +48,9 @@ from profilecal.joint.nesting import Level, Nesting, add_up, in_parts
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows of all profiles, in bundles of a `size` at most (`Nesting.bundles`),
-    zeros where there are fewer, and the parts of their D: by the scanner's noise, and
-    by each error that no other profile shares.
+    """The rows of all profiles kept, in bundles of a `size` at most
+    (`Nesting.bundles`), zeros where there are fewer profiles, and the parts of their D:
+    by the scanner's noise, and by each error that no other profile shares.
     """
 
     groups: ndarray  # (bundles,)
@@ -100,7 +100,7 @@ class Factors:
     """C for S sets of variances: of each profile, and of each level of groups."""
 
     rows: Rows
-    root: ndarray  # (S, bundles, size, q, q) L⁻¹ of D
+    root: ndarray  # (S, bundles, size, q, q) L_i⁻¹
     W_E: ndarray  # (S, bundles, size q, a)
     nodes: list[Node]  # from coarse to fine
     log_det: ndarray  # (S,) log |C|
@@ -150,21 +150,21 @@ class Factors:
 
 
 def inverse_root(C: ndarray) -> tuple[ndarray, ndarray]:
-    """L⁻¹ of matrices C = L Lᵀ (S, G, m, m), and the sums (S,) of their log |C|.
+    """L⁻¹ of matrices C = L Lᵀ (S, G, size, size), and the sums (S,) of their log |C|.
 
-    Elimination takes [C | 1] to [Lᵀ | L⁻¹]; of all matrices at once, whose numbers
-    stand last.
+    Elimination takes [C | 1] to [Lᵀ | L⁻¹], for all matrices at once: S and G are the
+    last axes, so that NumPy's inner loops run over them.
     """
-    m = C.shape[-1]
-    A = np.zeros((m, 2 * m, *C.shape[:2]))
-    A[:, :m] = C.transpose(2, 3, 0, 1)
-    A[range(m), range(m, 2 * m)] = 1.0
-    for j in range(m):
-        part = slice(j, m + j + 1)
+    size = C.shape[-1]
+    A = np.zeros((size, 2 * size, *C.shape[:2]))
+    A[:, :size] = C.transpose(2, 3, 0, 1)
+    A[range(size), range(size, 2 * size)] = 1.0
+    for j in range(size):
+        part = slice(j, size + j + 1)
         A[j, part] /= np.sqrt(A[j, j])
-        A[j + 1 :, part] -= A[j, j + 1 : m, None] * A[j, part]
-    root = np.ascontiguousarray(A[:, m:].transpose(2, 3, 0, 1))
-    diagonal = np.einsum("jj...->j...", A[:, :m])
+        A[j + 1 :, part] -= A[j, j + 1 : size, None] * A[j, part]
+    root = np.ascontiguousarray(A[:, size:].transpose(2, 3, 0, 1))
+    diagonal = np.einsum("jj...->j...", A[:, :size])
     return root, 2 * np.log(diagonal).sum(axis=(0, 2))
 
 

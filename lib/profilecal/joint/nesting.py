@@ -85,7 +85,7 @@ def parts_of(count: int, size: int) -> list[slice]:
 
 
 def in_parts(rows: ndarray) -> list[slice]:
-    """Rows (k, ...) in parts that a cache holds."""
+    """Rows (rows, ...) in parts that a cache holds."""
     return parts_of(len(rows), rows[:1].size)
 
 

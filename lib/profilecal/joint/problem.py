@@ -205,9 +205,9 @@ class Problem:
         `scale` (B,): Cauchy's loss with that many noise levels as its unit; None: least
         squares.
 
-        A pose whose k residuals have the mean square q costs k u log(1 + q / u) in
-        Cauchy's loss of unit u. To first order that is least squares with the weight
-        1 / (1 + q / u).
+        A pose whose residuals, `count` of them, have the mean square q costs
+        count · u log(1 + q / u) in Cauchy's loss, u the square of `scale` times CAUCHY.
+        To first order that is least squares with the weight 1 / (1 + q / u).
         """
         B = len(state.rotation)
         normal = np.zeros((B, self.n + 1, self.n + 1))
@@ -229,7 +229,7 @@ class Problem:
         of_mount = self.of_mount(state, self.n)
         normal += of_mount
         loss += of_mount[:, -1, -1]
-        if scale is None:  # the corner is Σ r², with the mount's already
+        if scale is None:  # the corner has Σ r² and the mount's part already
             loss = normal[:, -1, -1]
         return Fit(state, normal, loss, np.concatenate(per_pose, axis=1))
 

@@ -48,9 +48,9 @@ def of_large_errors(
 def still_belonging(
     problem: Problem, model: LinearModel, posterior: Posterior, first: ndarray
 ) -> ndarray:
-    """The profiles (profiles,) that belong to what all others say; or the `first` ones,
-    if more than LARGEST_REJECTED of them do not, or too few do: then the model is at
-    fault, not the poses.
+    """The profiles (profiles,) that belong to what all others say. If more than
+    LARGEST_REJECTED of all profiles are `first` ones that do not belong, or too few
+    belong, the model is at fault, not the poses: then the `first` ones.
     """
     after = belonging(problem, model, *chi2_left_out(model, posterior))
     rejected = np.mean(first) - np.mean(after)

@@ -86,9 +86,9 @@ class SmoothErrors:
     def columns(
         self, by_flange: ndarray, profiles: ndarray | slice = slice(None)
     ) -> ndarray:
-        """By how much each coefficient moves rows (k, K, count) of some profiles that a
-        motion of the flange moves by `by_flange` (k, K, 6), without what the steps take
-        up.
+        """By how much each coefficient moves rows (some, rows, count) of some profiles,
+        without what the steps take up. Motions of the flange move these rows by
+        `by_flange` (some, rows, 6).
         """
         columns = np.empty((*by_flange.shape[:2], self.count))
         numbers = np.arange(len(self.poses[0]))[profiles]
@@ -121,8 +121,8 @@ class SmoothErrors:
         return replace(self, steps=units * steps)
 
     def motions(self, some: ndarray) -> tuple[ndarray, ndarray]:
-        """Of some profiles (k,), by number: motions (k, 6, 12) by steps of the sensor
-        pose and of the base, and (k, 6, count) by each coefficient.
+        """Of some profiles (some,), by number: motions (some, 6, 12) by steps of the
+        sensor pose and of the base, and (some, 6, count) by each coefficient.
         """
         R, T = (array[some] for array in self.poses)
         turns = self.turns[some, None, None]
@@ -152,7 +152,9 @@ class SmoothErrors:
         return rigid, of_flange
 
     def arms(self, some: ndarray) -> ndarray:
-        """From flange to sensor, of some profiles, in the sensor's frame, (k|1, 3)."""
+        """From flange to sensor, of some profiles, in the sensor's frame, (some|1,
+        3).
+        """
         R_sensor, T_sensor = self.sensor
         if not self.to_hand:
             return (T_sensor @ R_sensor)[None]
