@@ -30,7 +30,8 @@ def actual_poses(
     3) of N positions (..., G, N, 3), mm: (..., G, N, 3, 3) and (..., G, N, 3).
 
     Groups with the same number in `same` (G,) share a group's error. `to_hand`: the
-    poses are of the base in the flange's frame; the result is not.
+    poses are of the base in the flange's frame; the result is not. On a sweep it is
+    `sweeps.erring`, at each visit `spec.record` that make up errors.
     """
     shape = T.shape
     shape_of_groups = (*shape[:-2], 1, 3)

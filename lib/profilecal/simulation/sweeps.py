@@ -141,6 +141,15 @@ def straight(setup: Setup, R: ndarray, T: ndarray, speed: float) -> list[Sweep]:
     return [*map(line, R_view[::2], T_view[::2], T_view[1::2])]
 
 
+@dataclass(frozen=True)
+class Driven:
+    """What a robot and a scanner record on one sweep, and where the flange was."""
+
+    log: tuple[ndarray, ndarray, ndarray]  # times (m,), s, and poses said
+    taken: ndarray  # (n,) s, when profiles were taken, by the scanner's clock
+    actual: Frames  # (n, 3, 3), (n, 3)
+
+
 def drive(
     setup: Setup,
     motion: Motion,
@@ -162,48 +171,68 @@ def drive(
         pose = setup.flange(R, p)
         return inverse(*pose) if to_hand else pose
 
-    still = replace(motion, pattern="random", sweeps=motion.stops)
-    places = sweeps_of(setup, still, spread_deg, rng)
-    stops = []
-    for place in places:  # not in the middle, where a ball's side is open
-        share = rng.uniform(0.1, 0.4, 1) * rng.choice([-1, 1])
-        stops.append(flange(*place.at(share * place.seconds)))
-    actual = [erring(*stop, noise, rng) for stop in stops]
-    logs, times, names = [], [np.full(motion.stops, np.nan)], [""] * motion.stops
-    begin = 1.0
-    sweeps = planned or sweeps_of(setup, motion, spread_deg, rng)
-    for k, sweep in enumerate(sweeps):
-        middle = begin + sweep.seconds / 2
-        ends = begin - BESIDE_S, begin + sweep.seconds + BESIDE_S
-        t = np.arange(*ends, 1 / motion.log_hz).round(6)
-        logs.append((t, *flange(*sweep.at(t - middle))))
+    def driven(sweep: Sweep, begin: float) -> Driven:
+        """On a sweep that begins at a time, s."""
+        middle, end = begin + sweep.seconds / 2, begin + sweep.seconds
+        t = np.arange(begin - BESIDE_S, end + BESIDE_S, 1 / motion.log_hz).round(6)
+        log = t, *flange(*sweep.at(t - middle))
         shares = (np.arange(motion.profiles) + 0.5) / motion.profiles
         taken = begin + shares * sweep.seconds
         taken = taken[rng.uniform(0, 100, len(taken)) >= motion.dropped_percent]
         way = flange(*sweep.behind(taken - middle, motion.lag_ms / 1000))
-        actual.append(erring(*way, noise, rng))
+        actual = erring(*way, noise, rng)
         jitter = noise.jitter_ms / 1000 * rng.normal(size=len(taken))
-        times.append(taken - motion.delay_ms / 1000 + jitter)
-        names += [f"s{k + 1}"] * len(taken)
-        begin = ends[1] + PAUSE_S
-    t, R_log, p_log = map(np.concatenate, zip(*logs, strict=True))
-    clock = np.concatenate(times)
-    clock = clock - 1e-6 * motion.drift_ppm * (clock - t.mean())
-    said = {
-        "labels": [f"p{k + 1}" for k in range(motion.stops)],
+        return Driven(log, taken - motion.delay_ms / 1000 + jitter, actual)
+
+    stops = [flange(*place) for place in resting(setup, motion, spread_deg, rng)]
+    at_stops = [erring(*stop, noise, rng) for stop in stops]
+    sweeps = planned or sweeps_of(setup, motion, spread_deg, rng)
+    every, begin = [], 1.0
+    for sweep in sweeps:
+        every.append(driven(sweep, begin))
+        begin = begin + sweep.seconds + BESIDE_S + PAUSE_S
+    actual = [*at_stops, *(one.actual for one in every)]
+    R, p = map(np.concatenate, zip(*actual, strict=True))
+    return said_of(stops, every, motion.drift_ppm), (R, p)
+
+
+def said_of(stops: list[Frames], every: list[Driven], drift_ppm: float) -> Entries:
+    """The entries of a Scan, from the poses at stops, each (1, 3, 3), (1, 3), and what
+    each sweep gave.
+    """
+    t, R_log, p_log = map(np.concatenate, zip(*(one.log for one in every), strict=True))
+    clock = np.concatenate([np.full(len(stops), np.nan), *(one.taken for one in every)])
+    clock = clock - 1e-6 * drift_ppm * (clock - t.mean())
+    names = [[f"s{k + 1}"] * len(one.taken) for k, one in enumerate(every)]
+    return {
+        "labels": [f"p{k + 1}" for k in range(len(stops))],
         "R_base_flange": np.reshape([R for R, _ in stops], (-1, 3, 3)),
         "p_base_flange": np.reshape([p for _, p in stops], (-1, 3)),
-        "group": np.arange(motion.stops),
+        "group": np.arange(len(stops)),
         "log": checked_log(t, R_log, p_log),
         "times": clock.round(6),
-        "sweeps": tuple(names),
+        "sweeps": tuple(sum(names, [""] * len(stops))),
     }
-    R, p = map(np.concatenate, zip(*actual, strict=True))
-    return said, (R, p)
+
+
+def resting(
+    setup: Setup, motion: Motion, spread_deg: float, rng: Generator
+) -> list[Frames]:
+    """The sensor's frames, each (1, 3, 3), (1, 3), at the stops of a motion: not in the
+    middle, where a ball's side is open.
+    """
+    still = replace(motion, pattern="random", sweeps=motion.stops)
+    places = []
+    for sweep in sweeps_of(setup, still, spread_deg, rng):
+        share = rng.uniform(0.1, 0.4, 1) * rng.choice([-1, 1])
+        places.append(sweep.at(share * sweep.seconds))
+    return places
 
 
 def erring(R: ndarray, p: ndarray, noise: Noise, rng: Generator) -> Frames:
-    """Poses with the errors that all share, and those of each."""
+    """Poses with the errors that all share, and those of each: `robot.actual_poses` of
+    one group, whose orientations differ.
+    """
     shape = p.shape
     shift = noise.group_position_mm * rng.normal(size=3)
     shift = shift + noise.position_mm * rng.normal(size=shape)
