@@ -262,13 +262,13 @@ class LinearModel:
             log_det[part] += factors.log_det
 
         products = H[0].copy()
-        # of smooth errors; if there are none, the slices :m are empty
+        # the size of smooth errors; without these, the slices :m below are empty
         s = np.sqrt(v[:, -1, None, None])
         H[:, :m] *= s
         H[:, :, :m] *= s
         H[:, m:-1, m:-1] += self.precision
         diagonal = np.einsum("sii->si", H)  # a view: what is written to it is H's
-        diagonal[:, :m] += 1.0  # the precision of coefficients, over s
+        diagonal[:, :m] += 1.0  # 1 / s² after the scaling by s
         diagonal *= 1 + ROUNDING  # or H may have eigenvalues a little below zero
         square = diagonal[:, -1].copy()  # N_rr, from which Σ y² is taken below
         # the corner is raised, so that the factor exists; the rest of L does not depend

@@ -66,7 +66,7 @@ def add_up(sums: ndarray, holders: ndarray, parts: ndarray) -> None:
     them, which are in rising order.
 
     Group 0 shares nothing, so its sum is not needed: where it is the only holder,
-    nothing is added, and nobody reads what is added to it beside others.
+    nothing is added; where it is one of several holders, its sum stays unread.
     """
     if not holders[-1:].any():
         return
@@ -79,13 +79,13 @@ def add_up(sums: ndarray, holders: ndarray, parts: ndarray) -> None:
 
 
 def parts_of(count: int, size: int) -> list[slice]:
-    """So many things, of so many numbers each, in parts that a cache holds."""
+    """Slices of `count` things, of `size` numbers each, in parts that a cache holds."""
     step = max(1, AT_ONCE // max(1, size))
     return [slice(k, k + step) for k in range(0, count, step)]
 
 
 def in_parts(rows: ndarray) -> list[slice]:
-    """Rows (rows, ...) in parts that a cache holds."""
+    """Slices of rows (rows, ...), in parts that a cache holds."""
     return parts_of(len(rows), rows[:1].size)
 
 
