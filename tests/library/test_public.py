@@ -51,6 +51,7 @@ def test_a_mistake_of_every_kind_is_a_sentence():
         "points has shape": {"points": scan["points"][:, :1]},
         "expected one of profiles, points": {"profiles": points},
         "unknown entry 'radius'": {"radius": 50.0},
+        "Scan: 'int' object is not": {"points": None, "profiles": 5},
         "takes no 'profile'; is it 'profiles'": {"profile": points},
         "radius is missing": {"kind": "disk"},
         r"group has shape \(3,\)": {"group": [0, 0, 1]},

@@ -361,7 +361,7 @@ class Scan:
         if len(self.labels) != P:
             raise ValueError(f"labels has {len(self.labels)} entries for {P} poses")
         for label, count in Counter(self.labels).items():
-            if count > 1 or not label:
+            if count > 1 or not label or label != label.strip():
                 raise ValueError(
                     f"labels has {label!r} {count} times; expected names, each once"
                 )

@@ -44,7 +44,7 @@ def naming(path: str | Path) -> Iterator[None]:
         raise ScanError(f"{path}: {error.strerror or error}") from error
     except RecursionError as error:
         raise ScanError(f"{path}: nested too deeply") from error
-    except (LookupError, ValueError) as error:
+    except (LookupError, TypeError, ValueError) as error:
         raise ScanError(f"{path}: {error}") from error
 
 

@@ -24,6 +24,9 @@ def test_a_copy_with_something_wrong_is_refused():
         "labels has '' 1 times; expected names, each once": {
             "labels": ("", *scan.labels[1:])
         },
+        "labels has ' a' 1 times; expected names, each once": {
+            "labels": (" a", *scan.labels[1:])
+        },
         "pose 'g1p1' has 5 rows of points; expected one": {
             "values": (np.ones((5, 2)),) * 12
         },
