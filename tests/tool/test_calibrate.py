@@ -19,8 +19,7 @@ README = (ROOT / "data" / "README.md").read_text(encoding="utf-8")
 FIRST_COLUMN = re.findall(
     r"^- (`.*?`): ", README.partition("## What comes back")[2], re.M
 )
-PROMISED = re.findall(r"`(\w+)`", " ".join(FIRST_COLUMN))  # in this order
-KEYS = [key for key in PROMISED if not key.startswith("delay")]  # of a scan at rest
+KEYS = re.findall(r"`(\w+)`", " ".join(FIRST_COLUMN))  # in this order
 
 
 @pytest.mark.parametrize("mount", ["eye-in-hand", "eye-to-hand"])

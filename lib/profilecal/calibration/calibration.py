@@ -272,9 +272,9 @@ class Calibration:
             "observability": solution and observability_entries(solution),
             "method": "joint",
             "target": known and target_entries(self.solution),
+            **dict.fromkeys(("delay_ms", "delay_sd_ms", "delay_source")),
             "messages": self.messages,
             "joint": known and joint_entries(self.solution),
-            **dict.fromkeys(("delay_ms", "delay_sd_ms", "delay_source")),
         }
         if solution and solution.delay_s is not None:
             given = any(one.delay_ms is not None for one in self.scans if one.log)
