@@ -6,8 +6,8 @@ Out: a `Scan`, and what was taken for granted; or a `Question` with its answer.
     files ─► blocks ─► columns by what they are ─► poses ────┐
             (`Block`)  (makers.toml)               profiles ─┴─► paired ─► scan
 
-1. `read_file` makes blocks of any file: of delimited text and sheets itself, with
-   `program_lines` and `lists_and_arrays` of others.
+1. `read_file` reads tables of text and sheets, `program_lines` programs, and
+   `lists_and_arrays` JSON, YAML, arrays; `makers` says what makers.toml does.
 2. `blocks` tells what a column is by its title, and in a list by how many numbers
    there are; what it does not know is asked.
 3. `robot_poses` and `scanner_profiles` take the numbers, with their units. In a table

@@ -8,7 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy import ndarray
 from pandas import DataFrame, Series
 
@@ -23,8 +22,8 @@ from profilecal_tool.importing.makers import (
 )
 from profilecal_tool.importing.questions import one_or_ask
 
-LARGEST = 16  # numbers of a pose, those of a matrix; a list of more is a profile
-XYZ = ("x", "y", "z")
+LARGEST_POSE = 16  # numbers of a matrix; a list of more is a profile
+XYZ = tuple("xyz")
 KNOWN = "|".join(map(re.escape, sorted(UNITS, key=len, reverse=True)))
 IN_BRACKETS = re.compile(r"(.*?)[\s_,/]*[\[(]([^\])]*)[\])]")
 BEHIND = re.compile(rf"(.*?)(?:[\s_]+in)?[\s_,/]+({KNOWN})")  # A in Grad, x_mm
@@ -48,12 +47,11 @@ class Block:
     path: Path
     table: DataFrame  # columns 0, 1, …; the index is where a row stands in the file
     titles: list[str]  # of the columns; 1, 2, … where there are none
-    name: str = ""  # what the file calls it
     robot: str = ""  # the maker whose program it is of
     kind: str = "pose"  # of lines of a program; or "tool", "base", "uses", "moved"
-    called: str = ""  # what the file calls what is chosen
+    called: str = ""  # whose pose or points are chosen, as --entry says it
     chosen: dict[str, Column] = field(default_factory=dict)  # of a pose or point
-    sheet: str = ""  # that it is of, if there are several
+    sheet: str = ""  # the name of its sheet, if there are several
 
     @property
     def is_bare(self) -> bool:
@@ -82,7 +80,7 @@ class Block:
         """The units that titles of what is chosen say."""
         return {self.chosen[role].unit for role in roles} - {""}
 
-    def at(self, rows: Any) -> "Block":
+    def rows_at(self, rows: Any) -> "Block":
         """The same of some rows, by where they stand in the table."""
         return replace(self, table=self.table.iloc[rows])
 
@@ -93,8 +91,8 @@ class Block:
 
     @property
     def labels(self) -> dict[str, list[str]]:
-        """What may be labels of the rows, by title: none that is not known, and has a
-        value twice.
+        """What may be labels of the rows, by title: columns titled as labels, and
+        unknown ones whose values all differ.
         """
         unknown = [c for c in self.having("") if self.table[c.at].is_unique]
         free = [*self.having("label"), *unknown]
@@ -113,7 +111,7 @@ class Block:
         """
         columns = [column_titled(*one) for one in enumerate(self.titles)]
         for name, own in self.lists_among(columns).items():
-            is_long = len(own) > LARGEST
+            is_long = len(own) > LARGEST_POSE
             axis = column_titled(0, name).role if name else "z"
             if is_long and axis in XYZ:
                 roles, owner = [axis] * len(own), name
@@ -175,7 +173,7 @@ class Block:
         for owner, own in placed.items():
             columns = own if convention_of(own) else free | own
             if convention := convention_of(columns):
-                name = f"{self.name} {owner}".strip()
+                name = f"{self.robot} {owner}".strip()
                 roles = (*XYZ, *convention.columns)
                 chosen = {role: columns[role] for role in roles}
                 poses[owner] = replace(self, called=name, chosen=chosen)
@@ -201,8 +199,8 @@ def parts_called(parts: list[Block], entry: str, liked: str, what: str) -> list[
     """
 
     def fit(name: str) -> tuple[bool, ...]:
-        """How well a name fits; what counts most stands first. An entry that nothing
-        here has is of the other files.
+        """How well a name fits; what counts most stands first. An entry may name a pose
+        of other files; then it decides nothing here.
         """
         text, wish = name.lower(), entry.lower()
         return wish in text, wish == text, not is_of_other(text), liked in text
@@ -227,8 +225,8 @@ def role_before_heights(cells: Series) -> str:
     """
     if all(isinstance(cell, str) and cell[:1].isalpha() for cell in cells):
         return "label"
-    rows = np.arange(len(cells))
-    is_count = len(cells) > 1 and any((cells == rows + k).all() for k in (0, 1))
+    rows = len(cells)
+    is_count = rows > 1 and [*cells] in ([*range(rows)], [*range(1, rows + 1)])
     return "nth" if is_count else "z"
 
 

@@ -1,4 +1,4 @@
-"""A scan from files that people have: read, told what is what, paired, checked."""
+"""From a folder of files to a scan, step by step."""
 
 import re
 from collections import ChainMap
@@ -19,7 +19,7 @@ from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.blocks import Block, Files, counted
 from profilecal_tool.importing.pair_profiles import Times, pair_profiles
-from profilecal_tool.importing.questions import Layout, Question, one_or_ask
+from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_ask
 from profilecal_tool.importing.read_file import (
     blocks_in_file,
     is_known,
@@ -33,40 +33,40 @@ from profilecal_tool.importing.scanner_profiles import (
 )
 from profilecal_tool.importing.tool_frames import (
     entries_of_flange,
+    lines_of_program,
     of_one_tool,
-    said_in_program,
 )
-
-NOTHING_SAID = Layout()
 
 
 def import_scan(
-    folder: str | Path, kind: str, sizes: dict, layout: Layout = NOTHING_SAID
-) -> tuple[Scan, dict[str, str]]:
+    folder: Path, kind: str, sizes: dict, layout: Layout
+) -> tuple[Scan, Taken]:
     """The scan of a target of these sizes, mm by name, in a folder of files; and what
     was taken for granted, by what it is about.
 
     Raises ScanError; Question where it is uncertain.
     """
-    folder, target = Path(folder), {"kind": kind} | sizes
+    target = {"kind": kind} | sizes
     said = {"title": folder.resolve().name, "mount": layout.mount, "target": target}
     header, _ = check_header(folder, said)
     taken = {}  # each step adds what it takes for granted
-    poses, profiles, beside = read_folder(folder, layout, taken)
-    poses, tool = of_one_tool(poses, beside, layout, taken)
-    moves = [row.get("name") for row in said_in_program(poses, beside, "uses")]
+    poses, profiles, every = read_folder(folder, layout, taken)
+    program = lines_of_program(every, poses.robot)
+    poses, tool = of_one_tool(poses, program, layout, taken)
+    moves = [row.get("name") for row in program["uses"]]
     pairing = pair_profiles(poses, [*profiles.index], moves, layout)
     taken["matched"] = pairing.how
     if not all(profiles.index):
         profiles.index = counted(len(profiles))
-    rows = Series(pairing.rows)
-    labels = counted(len(rows))  # of a log's poses, which have no profiles
-    if not pairing.times:
+    rows = Series(pairing.rows)  # its index says which profile
+    if pairing.times:
+        labels = counted(len(rows))  # a log's poses have no profiles
+    else:
         rows = rows[rows >= 0].sort_values(kind="stable")
         profiles = profiles.iloc[rows.index]
         check_one_profile_a_pose(folder, rows.to_numpy(), profiles.index, layout)
         labels = [*profiles.index]
-    entries = pose_entries(poses.at(rows), labels, taken)
+    entries = pose_entries(poses.rows_at(rows), labels, taken)
     if tool is not None:
         entries = entries_of_flange(entries, poses, tool, layout)
     if pairing.times:
@@ -74,7 +74,7 @@ def import_scan(
     return scan_of(folder, header | entries | measured(profiles, taken)), taken
 
 
-def measured(profiles: Series, taken: dict[str, str]) -> dict[str, Any]:
+def measured(profiles: Series, taken: Taken) -> dict[str, Any]:
     """Entries of a Scan: points; or profiles, which are empty if they have one point.
 
     What is empty is said of what is missing.
@@ -89,16 +89,16 @@ def measured(profiles: Series, taken: dict[str, str]) -> dict[str, Any]:
 
 
 def read_folder(
-    folder: Path, layout: Layout, taken: dict[str, str]
+    folder: Path, layout: Layout, taken: Taken
 ) -> tuple[Block, Series, list[Block]]:
     """The robot's poses, the profiles, and all that files hold. Raises ScanError."""
     families = families_in(folder, layout)
     of_poses, of_profiles = map(families.get, which_hold_what(folder, families, layout))
-    every = ChainMap(*families.values())
-    beside = [block for blocks in every.values() for block in blocks]
-    check_where(folder, beside, layout.where)
-    programs = {block.path for block in beside if block.robot}
-    unused = every.keys() - of_poses.keys() - of_profiles.keys() - programs
+    files = ChainMap(*families.values())
+    every = [block for blocks in files.values() for block in blocks]
+    check_where(folder, every, layout.where)
+    programs = {block.path for block in every if block.robot}
+    unused = files.keys() - of_poses.keys() - of_profiles.keys() - programs
     taken["files left out"] = listed(sorted(path.name for path in unused)) or "none"
     poses = robot_poses(of_poses, layout)
     rows = len(poses.table)
@@ -107,8 +107,8 @@ def read_folder(
     profiles = read_profiles(of_profiles, stops, layout, taken)
     counts = [*map(len, profiles)]
     if is_one_table and sum(counts) == rows:  # the pose of each profile's first row
-        poses = poses.at(np.cumsum([0, *counts[:-1]]))
-    return poses, profiles, beside
+        poses = poses.rows_at(np.cumsum([0, *counts[:-1]]))
+    return poses, profiles, every
 
 
 def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
@@ -137,9 +137,8 @@ def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
 
 def files_matching(folder: Path, pattern: str) -> list[Path]:
     """The files of a pattern in a folder; or one elsewhere. Raises ScanError."""
-    elsewhere = [path for path in [Path(pattern)] if path.is_file()]
-    paths = sorted_files(folder, pattern) or elsewhere
-    if not paths:
+    paths = sorted_files(folder, pattern) or [Path(pattern)]
+    if not paths[0].is_file():
         raise ScanError(f"{folder}: no file matches {pattern!r}; is the folder right?")
     return paths
 
@@ -147,7 +146,7 @@ def files_matching(folder: Path, pattern: str) -> list[Path]:
 def sorted_files(folder: Path, pattern: str) -> list[Path]:
     """The files of a pattern in a folder, p2 before p10."""
     inside = [folder / name for name in glob(pattern, root_dir=folder, recursive=True)]
-    paths = [path for path in inside if path.is_file()]
+    paths = filter(Path.is_file, inside)
     return sorted(paths, key=lambda p: re.sub(r"\d+", lambda d: d[0].zfill(20), str(p)))
 
 
@@ -180,25 +179,28 @@ def which_hold_what(
 
         robot.csv (x, y, z, a, b, c), scan_*.csv (x, z)    robot.csv, scan_*.csv
         log.csv (tcp_x, …, tcp_c, laser_x, laser_z)        log.csv, log.csv
-        poses.txt (1, …, 6), scan_*.csv (x, z)             poses.txt: one that is
-                                                           not known; to be asked
+        poses.txt (1, …, 6), scan_*.csv (x, z)             poses.txt, scan_*.csv: the
+                                                           former is asked about
+                                                           later, by robot_poses
 
     Raises ScanError; Question where several may.
     """
     first = {n: next(filter(None, own.values()), []) for n, own in families.items()}
+    # most files first
     names = sorted(filter(first.get, first), key=lambda name: -len(families[name]))
-    free = [name for name in names if name != layout.profiles]
-    posed = [name for name in free if poses_in(first[name], layout.pose_columns)]
-    if layout.poses:
-        posed = [layout.poses]
+    posed = [layout.poses]
+    if not layout.poses:
+        free = [name for name in names if name != layout.profiles]
+        posed = [name for name in free if poses_in(first[name], layout.pose_columns)]
+    # what is neither poses nor points has no titles, and may be either
     others = [name for name in names if name not in posed]
     # those of half as many files are something else, such as a reference
     most = [n for n in others if 2 * len(families[n]) > len(families[others[0]])]
     seen = [name for name in most if points_of_file(first[name], layout)]
     unclear = [name for name in others if name not in seen]
-    posed = posed or unclear[-1:]  # of fewest files
+    posed = posed or unclear[-1:]  # poses, of fewest files
     pose = one_or_ask(folder, posed, "holds the poses", "poses")
-    seen = seen or [name for name in unclear if name != pose][:1]
+    seen = seen or [name for name in unclear if name != pose][:1]  # of most files
     if not seen and points_of_file(first[pose], layout):
         seen = [pose]
     profile = layout.profiles or one_or_ask(
@@ -208,7 +210,7 @@ def which_hold_what(
     parts += points_of_file(first[profile], layout)
     called = {part.called for part in parts}
     if called and not any(layout.entry.lower() in name.lower() for name in called):
-        known = f"the entries are {listed(sorted(called))}"
+        known = f"the entries are {listed(sorted(called - {''}))}"
         raise ScanError(f"{folder}: no entry {layout.entry}; {known}")
     return pose, profile
 

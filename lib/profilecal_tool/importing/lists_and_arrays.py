@@ -19,8 +19,8 @@ from profilecal.scan.tables import ScanError, naming
 from profilecal_tool.importing.blocks import Block
 from profilecal_tool.importing.makers import WORDS
 
-NUMBERED = re.compile(r"(.*?)[_ -]?(\d+)")
-OF_POSES = (4, 4), (3, 4), (3, 3), (3, 1), (1, 3)  # what a pose's matrices have
+NUMBERED_KEY = re.compile(r"(.*?)[_ -]?(\d+)")
+SHAPES_OF_POSES = (4, 4), (3, 4), (3, 3), (3, 1), (1, 3)  # what a pose's matrices have
 
 
 class Loader(yaml.CSafeLoader):
@@ -78,6 +78,7 @@ def array_of_cells(title: str, cells: Series) -> ndarray:
     try:
         lists = [np.array(c if isinstance(c, list) else [], float) for c in cells]
         nothing = np.full(max(lists, key=np.ndim).shape[1:], np.nan)
+        # pads short lists with rows of NaN; then samples come first again
         array = np.array([*zip_longest(*lists, fillvalue=nothing)]).swapaxes(0, 1)
     except (TypeError, ValueError):
         return cells.astype(str).to_numpy()
@@ -90,7 +91,7 @@ def numbered_rows(node: dict) -> list[dict]:
     """A dictionary as one row; R_1, t_1, R_2, t_2, … as a row for each number."""
     rows = defaultdict(dict)
     for key, value in node.items():
-        match = NUMBERED.fullmatch(str(key))
+        match = NUMBERED_KEY.fullmatch(str(key))
         if match and isinstance(value, (list, dict)):
             rows[match[2]] |= {"label": match[2], match[1] or "pose": value}
     return [*rows.values()] if len(rows) > 1 else [node]
@@ -148,11 +149,11 @@ def array_blocks(path: Path, arrays: Mapping[str, ndarray]) -> Iterator[Block]:
 
 
 def columns_of(name: str, array: ndarray) -> dict[str, ndarray]:
-    """The columns of an array, numbered; of profiles (n, points, 2 or 3), or of their
-    transposes, those of a point in each row.
+    """The columns of an array, numbered; profiles (n, points, 2 or 3), or
+    (n, 2 or 3, points), become a row for each point, with its profile's place, nth.
     """
     columns = {}
-    if array.ndim == 3 and array.shape[1:] not in OF_POSES:
+    if array.ndim == 3 and array.shape[1:] not in SHAPES_OF_POSES:
         if array.shape[1] in (2, 3):
             array = array.swapaxes(1, 2)
         nth = np.arange(len(array), dtype="i4")

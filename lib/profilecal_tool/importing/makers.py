@@ -18,7 +18,7 @@ ANGLE_UNITS = TABLE["angles"]
 TIME_UNITS = TABLE["times"]
 ENCODINGS = TABLE["encodings"]
 UNITS = LENGTH_UNITS | ANGLE_UNITS
-UNIT_OF_CODE = {float(code): unit for code, unit in TABLE["scanners"].items()}
+UNIT_OF_CODE = {float(code): unit for code, unit in TABLE["nothing_seen"].items()}
 WORDS = {name: {*words.split()} for name, words in TABLE["words"].items()}
 ROLE_OF_TITLE = {}  # by title
 for role, words in TABLE["titles"].items():
@@ -31,19 +31,22 @@ for roles, words in TABLE["lists"].items():
         ROLES_OF_LIST[word, len(roles.split())].append(roles.split())
 
 
+Lines = Sequence[str]  # as the head of makers.toml says
+
+
 @dataclass(frozen=True)
 class Robot:
     """A row of [[robot]]; the head of makers.toml says what each entry is."""
 
     maker: str
-    pose: Sequence[str]
-    examples: Sequence[str]
+    pose: Lines
+    examples: Lines
     has: str = ""
     remark: str = ""
-    tool: Sequence[str] = ()
-    base: Sequence[str] = ()
-    uses: Sequence[str] = ()
-    moved: Sequence[str] = ()
+    tool: Lines = ()
+    base: Lines = ()
+    uses: Lines = ()
+    moved: Lines = ()
     tools_in: str = "tool"
     unit: str = "mm"
     angle: str = ""
@@ -61,7 +64,8 @@ def scale_of(
     unit, *others = units or {usual}
     if others or unit not in among:
         raise ScanError(
-            f"{place}: units are {listed(sorted(units))}; expected: {listed(among)}"
+            f"{place}: units are {listed(sorted(units))}; "
+            f"expected: {listed(filter(str.isascii, among))}"
         )
     return among[unit], unit
 

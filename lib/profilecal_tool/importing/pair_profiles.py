@@ -111,6 +111,7 @@ def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
     for title, labels in poses.labels.items():
         for is_whole, how, own, wanted in ways_to_compare(labels, names):
             keys = Series(own, dtype=object)
+            # row of each label, looked up by what names want
             places = keys.drop_duplicates(keep="last")
             rows = Series(places.index, places).reindex(wanted).fillna(-1)
             rows = rows.to_numpy(int)

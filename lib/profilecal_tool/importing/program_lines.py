@@ -9,6 +9,7 @@ from pandas import DataFrame
 from profilecal_tool.importing.blocks import Block
 from profilecal_tool.importing.makers import ROBOTS
 
+LARGEST_PROGRAM = 2_000_000  # characters; what is longer is a table
 OF_MOVES = {"uses", "moved"}  # kinds of lines that may have a pose in them too
 WORD = r"[\w$][\w$.\[\]]*?"  # what stands where $name, $tool or $base does
 CELL = r"[^\s,;:()\[\]{}\"'=]+"  # a number, or ******** in place of one
@@ -36,7 +37,7 @@ def expression_of(line: str) -> re.Pattern:
             parts.append(token)
         else:
             parts.append(SIGNS.get(token) or rf"\s*{re.escape(token)}\s*")
-    if token[0] == "$":
+    if token[0] == "$":  # the last one: what it finds is a whole word
         parts.append(r"(?!\w)")
     expression = "".join(parts).removeprefix(r"\s*")  # it may begin no line earlier
     return re.compile(f"(?im){expression}")
@@ -53,7 +54,8 @@ def matches_of(lines: Sequence[str], text: str) -> tuple[DataFrame, str]:
     lowered = text.lower()
     for line in lines:
         words = re.findall(r"(?<![$\w])\w+", line.lower())
-        if not all(word in lowered for word in words):  # much faster
+        # a cheap test before the expression
+        if not all(word in lowered for word in words):
             continue
         expression = expression_of(line)
         for match in expression.finditer(text):
@@ -66,11 +68,14 @@ def matches_of(lines: Sequence[str], text: str) -> tuple[DataFrame, str]:
 
 def program_blocks(path: Path, text: str) -> Iterator[Block]:
     """The tools, poses and moves in a program but for its remarks, of each maker that
-    writes such lines.
+    writes such lines. None of a long text.
     """
+    if len(text) > LARGEST_PROGRAM:
+        return
     for maker, robot in ROBOTS.items():
         rest = text
         if robot.remark:
+            # one text begins a remark, and a second one or the line ends it
             begin, *end = map(re.escape, robot.remark.split())
             ends = rf"{end[0]}|\Z" if end else "$"
             rest = blanked(rf"(?ms){begin}.*?({ends})", text)
@@ -83,4 +88,4 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
             if len(table):
                 titles = [*table.columns]
                 table = table.set_axis(range(len(titles)), axis=1)
-                yield Block(path, table, titles, maker, maker, kind)
+                yield Block(path, table, titles, maker, kind)

@@ -1,4 +1,4 @@
-"""What a user says of files, and what is asked."""
+"""What a user says of files, what is asked, and import.toml, which keeps it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,6 +24,9 @@ FILE = "import.toml"
 SIZES = {name for target in TARGETS.values() for name in target.lengths}
 
 
+Taken = dict[str, str]  # what was taken for granted, by what it is about
+
+
 class Question(ScanError):
     """What is not certain, and an answer: options by their names."""
 
@@ -43,7 +46,7 @@ class Layout:
 
     poses: str = ""  # which files hold the robot's poses
     pose_columns: str = ""  # what its columns are: "x [m],y [m],z [m],w,p,r,_"
-    entry: str = ""  # which pose or list of several
+    entry: str = ""  # whose pose, or which list, if a file has several
     tool: SixNumbers = None  # that poses are of: mm, and angles
     profiles: str = ""  # which files are profiles, a pattern
     columns: str = ""  # of x and z: names, or numbers from 1, with units

@@ -23,7 +23,6 @@ from profilecal_tool.importing.program_lines import OF_MOVES, program_blocks
 SHEETS = {".xlsx", ".xlsm"}
 BINARY = {".npy", ".npz", ".mat", ".ply"}
 NESTED = {".json", ".yaml", ".yml"}
-LARGEST_PROGRAM = 2_000_000  # characters
 MARKS = b"#% \r\n"  # around titles
 BEGIN = 100_000  # characters that tell what a table is like
 HEAD = 50  # lines within which numbers begin
@@ -42,7 +41,7 @@ def blocks_in_file(path: Path, encoding: str) -> Iterable[Block]:
     text = decoded_text(path, encoding)
     if suffix in NESTED:
         return nested_blocks(path, text)
-    programs = [*program_blocks(path, text)] if len(text) < LARGEST_PROGRAM else []
+    programs = [*program_blocks(path, text)]
     if any(block.kind not in OF_MOVES for block in programs):
         return programs
     with naming(path):
@@ -53,7 +52,7 @@ def programs_in_file(path: Path, encoding: str) -> list[Block]:
     """The blocks of a program; none in any other file, or in one that does not open."""
     is_other = path.suffix.lower() in SHEETS | BINARY | NESTED
     with suppress(OSError, ScanError):
-        if not is_other and path.stat().st_size < LARGEST_PROGRAM and is_known(path):
+        if is_known(path) and not is_other:
             return [*program_blocks(path, decoded_text(path, encoding))]
     return []
 
@@ -95,7 +94,8 @@ def is_known(path: Path) -> bool:
 
 def dialect(text: str) -> tuple[str | None, str]:
     """What stands between columns (None: spaces), and the decimal mark: that of
-    "1;2,5" is a comma, and so it is of "1,5 2,5".
+    "1;2,5" is a comma, and so it is of "1,5 2,5", with one before and one behind a
+    space.
     """
     rows = [line for line in text.splitlines() if re.search(r"\d", line)]
     most = len(rows) / 2
@@ -109,11 +109,11 @@ def dialect(text: str) -> tuple[str | None, str]:
 def runs_of_lines(
     path: Path, content: bytes, between: bytes | None
 ) -> Iterator[tuple[int, int, int]]:
-    """The first line, the end, and the place in bytes of each run of lines that have
+    """The first line, the end, and the offset in bytes of each run of lines that have
     equally many fields. Blank lines end a run, and so do remarks below numbers.
     """
     at_top, count = True, content.count(b"\n")
-    begin = end = start = place = fields = 0
+    begin = end = offset_of_run = offset = fields = 0
     for line in watched(BytesIO(content), f"reading {path.name}", count):
         cells = line.strip(MARKS)
         if line[0] not in b"#%":
@@ -123,12 +123,12 @@ def runs_of_lines(
         own = len(cells.split(between)) if cells else 0
         if own != fields:
             if fields:
-                yield begin, end, start
-            begin, start, fields = end, place, own
+                yield begin, end, offset_of_run
+            begin, offset_of_run, fields = end, offset, own
         end += 1
-        place += len(line)
+        offset += len(line)
     if fields:
-        yield begin, end, start
+        yield begin, end, offset_of_run
 
 
 def cells_of(lines: Iterable[bytes], between: bytes | None) -> list[list[str]]:
@@ -138,15 +138,17 @@ def cells_of(lines: Iterable[bytes], between: bytes | None) -> list[list[str]]:
 
 
 def row_where_numbers_begin(rows: list[list[str]], decimal: str) -> int | None:
-    """The row behind the last of words, None where all are: numbers are several, or
-    more than words, or as many as nothing; no word of theirs stands above a number.
+    """The first row of numbers; None if there is none. It has two numbers, or one and
+    no word, and no word of it stands above a number. A row of nothing but NaN just
+    above belongs to it.
     """
+    # NaN for nothing, infinity for a word
     values = [[cell_number(c.replace(decimal, ".")) for c in row] for row in rows]
     begin = None
     for k, own in enumerate(values):
         words, numbers = np.isinf(own), np.isfinite(own)
         is_title = k + 1 < len(values) and (words & np.isfinite(values[k + 1])).any()
-        if not is_title and numbers.sum() > min(words.sum(), 1):
+        if not is_title and numbers.sum() > words.any():
             return k if begin is None else begin
         if words.any() or not any(rows[k]):
             begin = None
@@ -175,8 +177,8 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     between = mark and mark.encode()
     stream = BytesIO(content)
     known, after = [], 0  # titles above, and the end of the last table under them
-    for begin, end, place in runs_of_lines(path, content, between):
-        stream.seek(place)
+    for begin, end, offset in runs_of_lines(path, content, between):
+        stream.seek(offset)
         rows = cells_of(islice(stream, min(end - begin, HEAD)), between)
         first = row_where_numbers_begin(rows, decimal)
         if first is None:
@@ -184,12 +186,13 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         count, titles = len(rows[0]), titles_in(rows[:first])
         if not titles and count == len(known):
             titles = known
+        # right under it, or without the first title
         elif known and not titles and (begin == after or count == len(known) - 1):
             found = f"{count} fields; expected {len(known)}, as above"
             raise ScanError(f"{path} line {begin + 1}: {found}")
         if titles:
             known, after = titles, end
-        stream.seek(place)
+        stream.seek(offset)
         titles = titles or counted(count)
         columns = map(column_titled, range(count), titles)
         labels = [column.at for column in columns if column.role == "label"]
@@ -208,7 +211,8 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
 
 
 def sheet_blocks(path: Path) -> Iterator[Block]:
-    """The blocks of a workbook; in several sheets, blank rows part none.
+    """The blocks of a workbook. Blank rows part the tables of a single sheet; in one of
+    several they stay, as points that were not seen.
 
     Raises ScanError.
     """

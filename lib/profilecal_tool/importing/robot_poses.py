@@ -29,14 +29,14 @@ from profilecal_tool.importing.makers import (
     WORDS,
     scale_of,
 )
-from profilecal_tool.importing.questions import Layout, Question
+from profilecal_tool.importing.questions import Layout, Question, Taken
 from profilecal_tool.importing.read_file import names_of
 
 FARTHEST_M = 20.0  # no robot reaches so far; a position in mm is farther somewhere
-KINDS = "w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector; o,a,t; qw,qx,qy,qz"
+HINT = "w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector; o,a,t; qw,qx,qy,qz"
 OF_POSES = {*XYZ, *(name for one in CONVENTIONS for name in one.columns)}
 FANUC = named("FANUC angles").columns
-QUATERNION = ("qx", "qy", "qz", "qw")  # in the order that most libraries have
+QUATERNION = ["qx", "qy", "qz", "qw"]  # in the order that most libraries have
 OF_ANGLES = {name for one in CONVENTIONS if one.sequence for name in one.columns}
 
 
@@ -76,6 +76,7 @@ def robot_poses(files: Files, layout: Layout) -> Block:
         raise ScanError(
             f"{first.path.parent}: {called} is called as the inverse: invert or rename"
         )
+    # a second y of the same owner: two columns are called alike
     if first.chosen["y"].owner in [column.owner for column in first.having("y")]:
         alike = "which of those called alike?"
         raise question_on_columns(first, alike, first.columns)
@@ -105,7 +106,8 @@ def with_file(poses: Block, name: str) -> DataFrame:
 def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
     """Why there are no poses in a file."""
     if not blocks or any(block.having("joint") for block in blocks):
-        return ScanError(f"{path}: no poses; joint angles are none: export Cartesian")
+        hint = "joint angles are none: export Cartesian poses"
+        return ScanError(f"{path}: no poses; {hint}")
     placed = [b for b in blocks if {*XYZ} <= {column.role for column in b.columns}]
     likely = max(placed or blocks, key=lambda block: len(block.table))
     sentence = f"--pose-columns says {said}" if said else "what are they?"
@@ -119,18 +121,19 @@ def question_on_columns(
     in the columns of numbers that are not known, in the usual order. Of columns that
     are called alike, the first is known; roles of angles are forgotten if need be.
     """
-    sentence = f"{block.path}: columns {listed(block.titles)}; {sentence} ({KINDS})"
+    sentence = f"{block.path}: columns {listed(block.titles)}; {sentence} ({HINT})"
     numeric = block.table.select_dtypes("number")
     if block.path.is_dir():
         columns = columns[:-1]  # of several files; the last is ours
     posed = [c for c in columns if c.at in numeric and c.role in {"", *OF_POSES}]
+    # first keep all roles that are known; if the rest does not fit, only x, y, z
     for kept in (OF_POSES, XYZ):
         known = {c.role: c.at for c in reversed(posed) if c.role in kept}
         free = [c.at for c in posed if c.at not in known.values()]
         wanted = missing_roles({*known}, len(free), "q1" in block.titles)
         if len(wanted) <= len(free):
             break
-    else:
+    else:  # neither fits: there is no answer to offer
         return ScanError(sentence)
     guessed = dict(zip_longest(free, wanted, fillvalue="_"))
     turns = [c.at for c in columns if guessed.get(c.at, c.role) in OF_ANGLES]
@@ -195,33 +198,34 @@ def doubt_of_angles(poses: Block, units: set[str]) -> str:
     if units:
         return ""
     numbers = poses.numbers_of(poses.convention.columns)
+    if is_vector:
+        length = np.linalg.norm(numbers, axis=1).max()
+        found = f"a vector of {length:.4g} rad is longer than pi; are they w, p, r?"
+        return f"{found} (in deg: convert it to rad)" if length > np.pi else ""
     largest = np.abs(numbers).max()
-    is_too_large = np.linalg.norm(numbers, axis=1).max() > np.pi
-    is_odd = is_too_large if is_vector else largest <= 2 * np.pi
-    return f"angles up to {largest:.4g}; which, rad or deg?" if is_odd else ""
+    is_small = largest <= 2 * np.pi
+    return f"angles up to {largest:.4g}; which, rad or deg?" if is_small else ""
 
 
-def pose_entries(
-    poses: Block, labels: list[str], taken: dict[str, str]
-) -> dict[str, Any]:
+def pose_entries(poses: Block, labels: list[str], taken: Taken) -> dict[str, Any]:
     """Entries of a Scan; what was taken for granted goes to `taken`.
 
     Raises ScanError.
     """
-    turn, positions = poses.convention, poses.numbers_of(XYZ)
+    numbers = poses.numbers_of(poses.chosen)
     length, unit = length_of(poses)
     angle, of_angle = angle_of(poses)
-    angles = poses.numbers_of(turn.columns) * angle
-    numbers = np.hstack([positions, angles])
+    numbers[:, 3:] *= angle
     columns = dict(zip(poses.chosen, numbers.T, strict=True))
     own = poses.poses.values()
     others = listed(one.called for one in own if one.called != poses.called)
     beside = f", not {others}" if others else ""
-    name = "poses" if poses.called in ("", "pose") else poses.called
+    name = "poses" if poses.called in ("", "pose") else f"poses of {poses.called}"
     words = f"{len(labels)} {name}{beside} in {unit}{of_angle}"
-    ends = np.sort(positions, axis=0)[[0, -1]]
-    low, high = (ends * length).round(1).tolist()
-    taken["poses"] = f"{poses.path.name}: {words}: {low} to {high} mm"
-    taken["pose_columns"] = f"{', '.join(poses.chosen)}: {turn.meaning}"
+    low, high = np.sort(numbers[:, :3], axis=0)[[0, -1]] * length
+    places = f"X {low[0]:.1f} to {high[0]:.1f}, Y {low[1]:.1f} to {high[1]:.1f}"
+    places += f", Z {low[2]:.1f} to {high[2]:.1f} mm"
+    taken["poses"] = f"{poses.path.name}: {words}: {places}"
+    taken["pose_columns"] = f"{', '.join(poses.chosen)}: {poses.convention.meaning}"
     table = Table(poses.path, {"pose": labels} | columns, poses.table.index)
     return check_poses(table, length)

@@ -13,7 +13,7 @@ from pandas import Series
 from profilecal.scan.scan import FARTHEST_MM
 from profilecal.scan.tables import ScanError, cell_number, listed
 from profilecal_tool.importing.blocks import (
-    LARGEST,
+    LARGEST_POSE,
     Block,
     Column,
     Files,
@@ -22,7 +22,7 @@ from profilecal_tool.importing.blocks import (
     parts_called,
 )
 from profilecal_tool.importing.makers import LENGTH_UNITS, UNIT_OF_CODE, scale_of
-from profilecal_tool.importing.questions import Layout, Question, one_or_ask
+from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_ask
 from profilecal_tool.importing.read_file import BEGIN, decoded_text, names_of
 
 LIKELY_MM = 150.0  # the farthest that a scanner sees, for a guess at a unit
@@ -38,12 +38,12 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     beside is repeated. Raises ScanError where x is nowhere.
     """
     x, z = block.having("x"), block.having("z")
-    if len(z) <= LARGEST:
+    if len(z) <= LARGEST_POSE:
         return block
     heights = block.numbers(z, blank=True)
     places = np.broadcast_to(places_of(block, x, z, layout), heights.shape)
     beside = block.table.drop(columns=[column.at for column in (*x, *z)])
-    known = [column.role for column in block.columns] if block.is_bare else block.titles
+    known = [c.role for c in block.columns] if block.is_bare else block.titles
     titles = [*(known[at] for at in beside), "nth", "profile x", "profile z"]
     table = beside.loc[beside.index.repeat(len(z))].assign(
         nth=np.arange(len(heights)).repeat(len(z)),
@@ -91,12 +91,13 @@ def points_in(block: Block, said: str) -> Block | None:
     if said:
         pair = columns_called(block, said)
         pairs = {said: pair} if len(pair) == 2 else {}
+    # one row of many x and z may be a profile, or a head of settings
     if not pairs or (len(pairs) > 1 and len(block.table) < 2):
         return None
     x, z = pairs[one_or_ask(block.path, [*pairs], "columns are x and z", "columns")]
     if x.at == z.at:
         raise ScanError(f"--columns {said}: x and z are one column")
-    name = block.name or x.owner or ",".join(block.titles[:4])
+    name = x.owner or ",".join(block.titles[:4])
     return replace(block, called=name, chosen={"x": x, "z": z})
 
 
@@ -125,9 +126,7 @@ def points_of_file(blocks: list[Block], layout: Layout) -> list[Block]:
     return parts_called(found, layout.entry, "profile", "is the profile")
 
 
-def read_profiles(
-    files: Files, stops: int, layout: Layout, taken: dict[str, str]
-) -> Series:
+def read_profiles(files: Files, stops: int, layout: Layout, taken: Taken) -> Series:
     """The points (n, 2) mm of each profile, NaN where nothing was seen, under its name,
     "" if it has none: one in each file, or in one file one for each stop of the robot,
     0 where that is not known.
@@ -152,7 +151,8 @@ def read_profiles(
             each = np.bincount(profile)
             names += own or [points.sheet] * len(each)
             rows += [*each]
-        counts += rows if is_alone else [sum(rows)]  # below blank lines
+        # tables below one another in one of several files are one profile
+        counts += rows if is_alone else [sum(rows)]
         parts += found
     if not parts:
         raise ScanError(f"{path}: no profiles in rows where {layout.where or 'any'}")
@@ -166,10 +166,13 @@ def read_profiles(
 
 
 def units_of_points(parts: list[Block], layout: Layout) -> set[str]:
-    """The units that titles of x and z say. Raises Question where one says none."""
+    """The units that titles of x and z say. Raises ScanError; Question where one says
+    none.
+    """
     units = {column.unit for part in parts for column in part.chosen.values()}
     if "" in units and units - {"", "mm"} and not layout.unit:
         path, unit = parts[0].path, max(units)
+        scale_of(path, {unit}, unit, LENGTH_UNITS)  # raises for a unit nobody knows
         sentence = f"{path}: x or z has no unit, the other {unit}; do both have it?"
         raise Question(sentence, unit=unit)
     return units - {""}
@@ -179,9 +182,9 @@ def profile_of_each_row(block: Block, stops: int) -> tuple[ndarray, list[str]]:
     """The profile of each row, from 0, and what profiles are called, if they are. It is
     told by the first of these that the block has::
 
-        label a, a, b, b    0, 0, 1, 1, called a, b: if values do not come back,
-                            and differ not in each row, as numbers of points do
-        time 0, 0, 2, 2     0, 0, 1, 1, called 0, 2: if values do not come back
+        label a, a, b, b    0, 0, 1, 1, called a, b: unless a value comes back
+                            later, or each row has its own, as points' numbers
+        time 0, 0, 2, 2     0, 0, 1, 1, called 0, 2: unless a value comes back
         nth 0, 0, 1, 1      0, 0, 1, 1
         poses P, P, Q, Q    0, 0, 1, 1
         x 1, 2, 1, 2        0, 0, 1, 1, if the robot stops twice;
@@ -195,17 +198,17 @@ def profile_of_each_row(block: Block, stops: int) -> tuple[ndarray, list[str]]:
     for column in block.having("label", "time", "t", "nth"):
         cells = block.table[column.at]
         profile, labels = pandas.factorize(cells, use_na_sentinel=False)
-        counts_points = column.role == "label" and len(labels) == rows != stops
-        if (np.diff(profile) >= 0).all() and not counts_points:
+        is_of_points = column.role == "label" and len(labels) == rows != stops
+        if (np.diff(profile) >= 0).all() and not is_of_points:
             return profile, [] if column.role == "nth" else [*map(label_of, labels)]
     if block.poses:
-        posed = block.table[[c.at for c in block.columns if c not in block.others]]
+        posed = block.table.drop(columns=[c.at for c in block.others])
         begins = (posed != posed.shift()).any(axis=1)
     else:
         x = Series(block.numbers_of("x", blank=True)[:, 0]).ffill().bfill()
-        returns = x.diff() * (x.iloc[-1] - x.iloc[0]) < 0
-        is_stack = returns.sum() + 1 == stops
-        begins = returns & is_stack | (rows == stops)
+        goes_back = x.diff() * (x.iloc[-1] - x.iloc[0]) < 0
+        is_stack = goes_back.sum() + 1 == stops
+        begins = goes_back & is_stack | (rows == stops)
     profile = begins.cumsum().to_numpy()
     return profile - profile[0], []
 
@@ -244,7 +247,7 @@ def question_on_points(blocks: list[Block], said: str) -> Question:
 
 
 def in_mm(
-    path: Path, xz: ndarray, units: set[str], layout: Layout, taken: dict[str, str]
+    path: Path, xz: ndarray, units: set[str], layout: Layout, taken: Taken
 ) -> ndarray:
     """Points (n, 2) as mm, and NaN where nothing was seen. Raises ScanError."""
     z = xz[:, 1]
@@ -256,6 +259,7 @@ def in_mm(
     xz[unseen] = np.nan
     if unseen.all():
         raise ScanError(f"{path}: nothing was seen in any profile")
+    # else a user says that no height stands for nothing (--missing 1e9)
     if layout.missing in (None, *codes):
         check_codes(path, xz[~unseen], layout)
     of_codes = {UNIT_OF_CODE.get(code, "") for code in codes} - {""}
@@ -263,8 +267,8 @@ def in_mm(
     scale, unit = scale_of(path, said, "mm", LENGTH_UNITS)
     xz *= scale
     low, high = np.nanmin(xz, axis=0), np.nanmax(xz, axis=0)
-    ends = f"{low.round(3).tolist()} to {high.round(3).tolist()}"
-    taken["columns"] += f": {ends} mm"
+    places = f"X {low[0]:.1f} to {high[0]:.1f}, Z {low[1]:.1f} to {high[1]:.1f} mm"
+    taken["columns"] += f": {places}"
     taken["unit"] = unit
     words = listed(f"{code:.12g}" for code in codes) or "blank"
     taken["missing"] = f"{words}: {unseen.sum()} of {len(xz)} points"

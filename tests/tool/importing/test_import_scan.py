@@ -223,7 +223,7 @@ FOLDERS |= {
     "a tool that no line uses": (declared, "is declared, and no line"),
     "two poses": (people.beside(one=poses, two=people.poses_of_tool), "one or two"),
     "of a camera": (of_camera, "poses are of cam"),
-    "angles first": (angles_first, "rad or deg"),
+    "angles first": (angles_first, "longer than pi; are they w, p, r?"),
     "two arrays": (tum, two_arrays, "left_points_1,left_points_2 or right"),
     "two frames in turn": (transforms, "tools tool0, camera_link"),
     "no columns": (tum, each(titles="", columns=("7",)), "no x and z"),
@@ -446,13 +446,13 @@ SAID = {
     "a point for each pose": (
         tum,
         a_file("points.csv", "x,z\n" + "".join(f"{k},100\n" for k in range(12))),
-        "[0.0, 100.0] to [11.0, 100.0] mm",
+        "X 0.0 to 11.0, Z 100.0 to 100.0 mm",
     ),
     "no frame": (
         abb,
         one_each,
         edited("scan.mod", "tooldata tScan", "tooldata tOther"),
-        "tscan, whose frame",
+        "tool tscan, of which 0 frames",
     ),
     "a frame in the program": (
         kuka,
@@ -477,12 +477,12 @@ SAID = {
         "scan_*.csv",
         "files left out… notes.txt… one at [12.0, 0.0, 0.0], taken off",
     ),
-    "a line": (fanuc, one_each, ON_TOOL_3, "3, whose frame is not here"),
+    "a line": (fanuc, one_each, ON_TOOL_3, "tool 3, of which 0 frames are here"),
     "two frames of one tool": (
         abb,
         one_each,
         a_file("other.mod", TOOL_OF_ABB.format("tScan")),
-        "tscan, whose 2 frames are here",
+        "tool tscan, of which 2 frames",
     ),
     "listed frames": (
         fanuc,
@@ -516,14 +516,14 @@ SAID = {
         "scan_*",
         "/ written",
     ),
-    "heights": (tum, heights, "--x", "0", "2", "[0.0, 85.5] to [38.0, 138.875] mm"),
+    "heights": (tum, heights, "--x", "0", "2", "X 0.0 to 38.0, Z 85.5 to 138.9 mm"),
     "heights behind names": (
         listed(GERMAN.format("Messung"), BY_XP, order=BACKWARDS),
         heights_behind_names,
         "--x",
         "0",
         "2",
-        "[0.0, 85.5] to [38.0, 138.875] mm… by Messung and the names",
+        "X 0.0 to 38.0, Z 85.5 to 138.9 mm… by Messung and the names",
     ),
     "a word in heights": (
         tum,
@@ -566,7 +566,7 @@ SAID = {
     ),
     "joints": (
         a_file("tcp.csv", "j1,j2,j3,j4,j5,j6\n0,1,2,3,4,5"),
-        "joint angles are none",
+        "joint angles are none: export Cartesian poses",
     ),
     "nothing": (nothing, nothing, "in: no files"),
     "no poses": (nothing, one_each, "no file holds the poses"),
@@ -612,6 +612,15 @@ SAID = {
         one_each,
         edited("robot.csv", "Y [mm]", "Y [m]"),
         "units are m, mm",
+    ),
+    "a unit that is none": (
+        tum,
+        each(titles="x,z [furlong]"),
+        "units are furlong; expected: mm, cm, m, um",
+    ),
+    "a vector in degrees": (
+        listed("x,y,z,rx,ry,rz"),
+        "rad is longer than pi; are they w, p, r? … --pose-columns",
     ),
     "other tool": (
         fanuc,
@@ -664,7 +673,7 @@ def test_corrupted_files_give_a_sentence_or_a_scan(tmp_path):
         for _ in range(1 + seed % 2):
             corrupted(folder, rng)
         with suppress(ScanError):
-            import_scan(folder, "edge", {})
+            import_scan(folder, "edge", {}, Layout())
         shutil.rmtree(folder)
 
 
@@ -782,7 +791,7 @@ def test_a_log_and_profiles_are_a_scan_in_motion(unit, scale, tmp_path):
     pairs = zip(driven.times, driven.values, strict=True)
     points = [[scale * t, *point] for t, own in pairs for point in own]
     write_table(tmp_path / "all.csv", f"time{unit},x,z", points)
-    imported, taken = import_scan(tmp_path, "plane", {})
+    imported, taken = import_scan(tmp_path, "plane", {}, Layout())
     assert "by time, in motion" in taken["matched"]
     assert imported.labels == driven.labels
     assert_allclose(imported.T_base_flange, driven.T_base_flange, atol=1e-6)
@@ -804,7 +813,7 @@ def test_points_with_a_time_and_a_pose_are_a_scan_in_motion(tmp_path):
     rows = [driven.times, p, turned, np.concatenate(driven.values)]
     titles = "t,tcp_x,tcp_y,tcp_z,tcp_qw,tcp_qx,tcp_qy,tcp_qz,scan x [mm],scan z [mm]"
     write_table(tmp_path / "all.csv", titles, np.column_stack(rows))
-    imported, _ = import_scan(tmp_path, "edge", {})
+    imported, _ = import_scan(tmp_path, "edge", {}, Layout())
     assert_allclose(imported.times, driven.times, atol=1e-9)
     assert_allclose(imported.p_base_flange, p, atol=1e-6)
 
@@ -824,7 +833,8 @@ REAL_DATA = os.environ.get("PROFILECAL_REAL_DATA")
 )
 def test_the_real_measurements_calibrate(name, sizes, largest_mm):
     kind = "ball" if sizes else "edge"
-    imported, _ = import_scan(Path(REAL_DATA) / "handeyesync" / name, kind, sizes)
+    folder = Path(REAL_DATA) / "handeyesync" / name
+    imported, _ = import_scan(folder, kind, sizes, Layout())
     found = calibrate([imported])
     assert found.status == "ok"
     assert found.solution.rms_mm <= largest_mm
