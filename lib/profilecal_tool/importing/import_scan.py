@@ -5,7 +5,6 @@ from collections import ChainMap
 from dataclasses import replace
 from glob import glob
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -25,7 +24,12 @@ from profilecal_tool.importing.read_file import (
     is_known,
     programs_in_file,
 )
-from profilecal_tool.importing.robot_poses import pose_entries, poses_in, robot_poses
+from profilecal_tool.importing.robot_poses import (
+    Entries,
+    pose_entries,
+    poses_in,
+    robot_poses,
+)
 from profilecal_tool.importing.scanner_profiles import (
     points_of_file,
     read_profiles,
@@ -74,7 +78,7 @@ def import_scan(
     return scan_of(folder, header | entries | measured(profiles, taken)), taken
 
 
-def measured(profiles: Series, taken: Taken) -> dict[str, Any]:
+def measured(profiles: Series, taken: Taken) -> Entries:
     """Entries of a Scan: points; or profiles, which are empty if they have one point.
 
     What is empty is said of what is missing.
@@ -230,7 +234,7 @@ def check_one_profile_a_pose(
         )
 
 
-def in_sweeps(folder: Path, entries: dict[str, Any], both: Times) -> dict[str, Any]:
+def in_sweeps(folder: Path, entries: Entries, both: Times) -> Entries:
     """Entries of a Scan in motion, from those of the log's poses. Raises ScanError."""
     times = both.profiles
     with naming(folder):

@@ -5,7 +5,7 @@ columns, and so do arrays.
 import json
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from profilecal_tool.importing.blocks import Block
 from profilecal_tool.importing.makers import WORDS
 
 NUMBERED_KEY = re.compile(r"(.*?)[_ -]?(\d+)")
+Arrays = dict[str, ndarray]  # by name
 SHAPES_OF_POSES = (4, 4), (3, 4), (3, 3), (3, 1), (1, 3)  # what a pose's matrices have
 
 
@@ -107,7 +108,7 @@ def binary_blocks(path: Path) -> Iterator[Block]:
     yield from array_blocks(path, arrays)
 
 
-def matlab_arrays(path: Path) -> dict[str, ndarray]:
+def matlab_arrays(path: Path) -> Arrays:
     """The arrays of MATLAB, whose stacks of matrices lie along the last axis."""
     from scipy.io import loadmat
 
@@ -117,7 +118,7 @@ def matlab_arrays(path: Path) -> dict[str, ndarray]:
     return arrays | stacks
 
 
-def points_of_ply(path: Path) -> dict[str, ndarray]:
+def points_of_ply(path: Path) -> Arrays:
     """The columns of a point cloud."""
     from plyfile import PlyData
 
@@ -125,14 +126,14 @@ def points_of_ply(path: Path) -> dict[str, ndarray]:
     return {name: points[name] for name in points.dtype.names}
 
 
-def numpy_arrays(path: Path) -> dict[str, ndarray]:
+def numpy_arrays(path: Path) -> Arrays:
     """The arrays of NumPy; "" is the name of one alone."""
     with path.open("rb") as file:
         loaded = np.load(file, allow_pickle=False)
         return {"": loaded} if isinstance(loaded, ndarray) else {**loaded}
 
 
-def array_blocks(path: Path, arrays: Mapping[str, ndarray]) -> Iterator[Block]:
+def array_blocks(path: Path, arrays: Arrays) -> Iterator[Block]:
     """Arrays as blocks: those of as many rows are one, such as poses and their times;
     points of profiles have more rows.
     """
@@ -148,7 +149,7 @@ def array_blocks(path: Path, arrays: Mapping[str, ndarray]) -> Iterator[Block]:
         yield Block(path, table, [*columns])
 
 
-def columns_of(name: str, array: ndarray) -> dict[str, ndarray]:
+def columns_of(name: str, array: ndarray) -> Arrays:
     """The columns of an array, numbered; profiles (n, points, 2 or 3), or
     (n, 2 or 3, points), become a row for each point, with its profile's place, nth.
     """

@@ -81,7 +81,7 @@ def read_answers(folder: Path) -> dict[str, Any]:
 
 
 def write_imported(
-    scan: Scan, folder: Path, said: Mapping[str, Any], taken: Mapping[str, str]
+    scan: Scan, folder: Path, said: Mapping[str, Any], taken: Taken
 ) -> None:
     """Write a scan as a folder with import.toml: what was said, and as remarks what was
     taken for granted. Over one that was imported before, whose scan.toml stays.

@@ -32,6 +32,7 @@ from profilecal_tool.importing.makers import (
 from profilecal_tool.importing.questions import Layout, Question, Taken
 from profilecal_tool.importing.read_file import names_of
 
+Entries = dict[str, Any]  # of a Scan
 FARTHEST_M = 20.0  # no robot reaches so far; a position in mm is farther somewhere
 HINT = "w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector; o,a,t; qw,qx,qy,qz"
 OF_POSES = {*XYZ, *(name for one in CONVENTIONS for name in one.columns)}
@@ -207,7 +208,7 @@ def doubt_of_angles(poses: Block, units: set[str]) -> str:
     return f"angles up to {largest:.4g}; which, rad or deg?" if is_small else ""
 
 
-def pose_entries(poses: Block, labels: list[str], taken: Taken) -> dict[str, Any]:
+def pose_entries(poses: Block, labels: list[str], taken: Taken) -> Entries:
     """Entries of a Scan; what was taken for granted goes to `taken`.
 
     Raises ScanError.

@@ -97,8 +97,8 @@ def points_in(block: Block, said: str) -> Block | None:
     x, z = pairs[one_or_ask(block.path, [*pairs], "columns are x and z", "columns")]
     if x.at == z.at:
         raise ScanError(f"--columns {said}: x and z are one column")
-    name = x.owner or ",".join(block.titles[:4])
-    return replace(block, called=name, chosen={"x": x, "z": z})
+    called = x.owner or ",".join(block.titles[:4])
+    return replace(block, called=called, chosen={"x": x, "z": z})
 
 
 def columns_called(block: Block, said: str) -> list[Column]:

@@ -2,7 +2,6 @@
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import numpy as np
 from pandas import DataFrame
@@ -13,10 +12,9 @@ from profilecal.scan.tables import listed, naming
 from profilecal_tool.importing.blocks import Block, label_of
 from profilecal_tool.importing.makers import ROBOTS, WORDS
 from profilecal_tool.importing.questions import Layout, Question, Taken
-from profilecal_tool.importing.robot_poses import angle_of, length_of
+from profilecal_tool.importing.robot_poses import Entries, angle_of, length_of
 
 Program = dict[str, list[dict[str, str]]]  # rows of each kind of line
-TO_FILL_IN = [*"XYZABC"]  # an answer that nobody can guess
 
 
 def lines_of_program(blocks: Iterable[Block], maker: str) -> Program:
@@ -120,7 +118,7 @@ def frame_of_tool(
         which = f"tool {used}" if used else "a tool"
         sentence = f"poses are of {which}, of which {len(frames)} frames are here"
         hint = "where is it on the flange? (fill in X Y Z in mm, and angles)"
-        raise Question(f"{poses.path}: {sentence}; {hint}", tool=TO_FILL_IN)
+        raise Question(f"{poses.path}: {sentence}; {hint}", tool=[*"XYZABC"])
     if declared:
         names = " or ".join(sorted(declared))
         answer = names if len(declared) == 1 else "NAME"
@@ -131,8 +129,8 @@ def frame_of_tool(
 
 
 def entries_of_flange(
-    entries: dict[str, Any], poses: Block, tool: Sequence[float], layout: Layout
-) -> dict[str, Any]:
+    entries: Entries, poses: Block, tool: Sequence[float], layout: Layout
+) -> Entries:
     """Entries of a Scan with the flange's poses in place of the tool's (3 + k,)."""
     turn, (angle, _) = poses.convention, angle_of(poses)
     length = 1.0 if layout.tool else length_of(poses)[0]
