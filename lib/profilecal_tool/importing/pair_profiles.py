@@ -218,17 +218,18 @@ def paired_by_time(poses: Block, times: Times) -> Pairing | None:
     nearest = np.searchsorted((t[1:] + t[:-1]) / 2, times.profiles)
     apart = np.abs(t[nearest] - times.profiles)
     is_near = apart <= step
-    if is_near.mean() < 0.5:
+    if is_near.mean() < 0.5:  # most are beside the log: by another clock
         return None
     still = np.full(len(nearest), True)
     for roles in ("xyz", poses.convention.columns):
         values = poses.numbers_of(roles)[order]
         steps = np.abs(values[after] - values[after - 1]).max(axis=1)
         still &= steps < STILL * np.abs(values).max()
+    # most were taken on the way
     if step <= A_MOMENT_S and still[is_near].mean() < 0.5:
         return Pairing(order, "by time, in motion", times._replace(log=t))
     how = "by time"
-    if len(t) > 2 * len(times.profiles):
+    if len(t) > 2 * len(times.profiles):  # a log that goes on, no list of stops
         is_near, how = is_near & still, "by time, where the robot stands still"
     largest = apart[is_near].max(initial=0)
     rows = np.where(is_near, order[nearest], -1)

@@ -23,8 +23,7 @@ def lines_of_program(blocks: Iterable[Block], maker: str) -> Program:
     for block in blocks:
         if maker and block.robot == maker:
             table = block.table.set_axis(block.titles, axis=1)
-            rows = table.astype(object).fillna("").to_dict("records")
-            program[block.kind] += rows
+            program[block.kind] += table.astype(object).fillna("").to_dict("records")
     return program
 
 
@@ -36,8 +35,7 @@ def of_one_frame(
 
     Raises Question where they have several.
     """
-    lines = program["uses"]
-    uses = [(row.get("name", ""), row.get(which, "")) for row in lines]
+    uses = [(row.get("name", ""), row.get(which, "")) for row in program["uses"]]
     for column in poses.having(which):
         uses += [("", label_of(cell)) for cell in poses.table[column.at]]
     uses = [(name, used.lower().partition("[")[0]) for name, used in uses if used]
