@@ -41,9 +41,11 @@ from profilecal_tool.importing.tool_frames import (
     of_one_tool,
 )
 
+NOTHING_SAID = Layout()
+
 
 def import_scan(
-    folder: Path, kind: str, sizes: dict, layout: Layout
+    folder: Path, kind: str, sizes: dict, layout: Layout = NOTHING_SAID
 ) -> tuple[Scan, Taken]:
     """The scan of a target of these sizes, mm by name, in a folder of files; and what
     was taken for granted, by what it is about.

@@ -673,7 +673,7 @@ def test_corrupted_files_give_a_sentence_or_a_scan(tmp_path):
         for _ in range(1 + seed % 2):
             corrupted(folder, rng)
         with suppress(ScanError):
-            import_scan(folder, "edge", {}, Layout())
+            import_scan(folder, "edge", {})
         shutil.rmtree(folder)
 
 
@@ -791,7 +791,7 @@ def test_a_log_and_profiles_are_a_scan_in_motion(unit, scale, tmp_path):
     pairs = zip(driven.times, driven.values, strict=True)
     points = [[scale * t, *point] for t, own in pairs for point in own]
     write_table(tmp_path / "all.csv", f"time{unit},x,z", points)
-    imported, taken = import_scan(tmp_path, "plane", {}, Layout())
+    imported, taken = import_scan(tmp_path, "plane", {})
     assert "by time, in motion" in taken["matched"]
     assert imported.labels == driven.labels
     assert_allclose(imported.T_base_flange, driven.T_base_flange, atol=1e-6)
@@ -813,7 +813,7 @@ def test_points_with_a_time_and_a_pose_are_a_scan_in_motion(tmp_path):
     rows = [driven.times, p, turned, np.concatenate(driven.values)]
     titles = "t,tcp_x,tcp_y,tcp_z,tcp_qw,tcp_qx,tcp_qy,tcp_qz,scan x [mm],scan z [mm]"
     write_table(tmp_path / "all.csv", titles, np.column_stack(rows))
-    imported, _ = import_scan(tmp_path, "edge", {}, Layout())
+    imported, _ = import_scan(tmp_path, "edge", {})
     assert_allclose(imported.times, driven.times, atol=1e-9)
     assert_allclose(imported.p_base_flange, p, atol=1e-6)
 
@@ -834,7 +834,7 @@ REAL_DATA = os.environ.get("PROFILECAL_REAL_DATA")
 def test_the_real_measurements_calibrate(name, sizes, largest_mm):
     kind = "ball" if sizes else "edge"
     folder = Path(REAL_DATA) / "handeyesync" / name
-    imported, _ = import_scan(folder, kind, sizes, Layout())
+    imported, _ = import_scan(folder, kind, sizes)
     found = calibrate([imported])
     assert found.status == "ok"
     assert found.solution.rms_mm <= largest_mm
