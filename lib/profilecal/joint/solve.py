@@ -110,7 +110,7 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
 def leaves_little(problem: Problem, posterior: Posterior) -> bool:
     """Whether the step x (n + c,) leaves little to the next one, compared with how well
     the n unknowns and the delay are known. A step leaves an error of second order,
-    about |x| `reach`(x); of the delay, the step itself is compared.
+    about |x| times its `reach`; of the delay, the step itself is compared.
     """
     sd = np.sqrt(np.diag(posterior.covariance[0]))
     step = np.abs(posterior.mean[0]) / sd
