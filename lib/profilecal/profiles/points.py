@@ -66,16 +66,15 @@ def tolerance(z: ndarray) -> float:
     """How far points are from a smooth outline by chance at most, mm.
 
     It follows from the second differences of the depths z (k,), of which independent
-    noise has √6 times the standard deviation of a point. Most are zero where z comes in
-    coarse steps; the least of them tells.
+    noise has √6 times the standard deviation of a point. Where z comes in coarse steps
+    most of them are zero; then the least of the others tells.
     """
     if len(z) < 5:
         return LEAST_TOLERANCE
     second = np.abs(np.diff(z, 2))
     one_sigma = int(0.68 * len(second))
     sigma = np.partition(second, one_sigma)[one_sigma] / np.sqrt(6)
-    steps = np.diff(np.unique(z))
-    step = min(steps[(steps > 1e-6) & (steps < 1)], default=0)
+    step = min(second[(second > 1e-6) & (second < 1)], default=0)
     limit = max(NOISE_LIMIT * sigma, 1.5 * step)
     return float(np.clip(limit, LEAST_TOLERANCE, LARGEST_TOLERANCE))
 

@@ -19,6 +19,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from raw_profiles import RADIUS, balls, disks, edges, planes, rods, spoil, tables
 
 import profilecal as pc
+from profilecal.profiles.points import LEAST_TOLERANCE, tolerance
 
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "60"))
 EVERYWHERE = np.full((250, 1, 2), np.inf)  # a target that no spoiling leaves alone
@@ -107,6 +108,11 @@ def test_a_target_is_found_where_depths_come_in_coarse_steps(kind, make):
     profiles = make(default_rng(3), 60)[0]
     profiles[..., 1] = np.rint(profiles[..., 1] / 0.5) * 0.5
     assert share_found(features_of(kind, profiles)) >= 0.95
+
+
+def test_a_steep_face_is_no_surface_in_coarse_steps():
+    z = np.arange(0, 40, 0.5) + 0.01 * default_rng(1).normal(size=80)
+    assert tolerance(z) == LEAST_TOLERANCE
 
 
 @pytest.mark.parametrize(("kind", "behind"), [("disk", 130.0), ("plane", np.nan)])
