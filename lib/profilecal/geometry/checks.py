@@ -10,8 +10,11 @@ from numpy.typing import ArrayLike
 ORTHONORMAL_TOLERANCE = 1e-3
 # farthest flange position from the base: a robot's size
 REACH_MM = (10.0, 20_000.0)
+# from the scanner; no profile scanner sees as far, and some print such numbers for no
+# point
+FARTHEST_MM = 10_000.0
 # largest coordinate that a scanner reads: the size of its range
-READINGS_MM = (1.0, 10_000.0)
+READINGS_MM = (1.0, FARTHEST_MM)
 
 
 class UnobservableError(ValueError):
@@ -118,19 +121,19 @@ def check_positions(name: str, values: ArrayLike, count: int | None = None) -> n
 
 
 def check_readings(
-    name: str, values: ArrayLike, shape: tuple[int | None, ...]
+    name: str, values: ArrayLike, shape: tuple[int | None, ...], finite: bool = True
 ) -> ndarray:
     """Return a scanner's readings as an array of a shape, mm.
 
     Raises ValueError where the largest is of no scanner's range, nor zero: then they
     are in another unit.
     """
-    readings = check_array(name, values, shape)
+    readings = check_array(name, values, shape, finite)
     low, high = READINGS_MM
-    largest = np.abs(readings).max(initial=0.0)
+    largest = np.nanmax(np.abs(readings), initial=0.0)
     if largest and not low <= largest <= high:
         raise ValueError(
             f"the largest value of {name} is {largest:.3g}; "
-            f"expected {low:g} to {high:g} mm: are they in mm?"
+            f"expected {low:g} to {high:g}, in mm: are the units right?"
         )
     return readings

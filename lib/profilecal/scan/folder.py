@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 
-from profilecal.geometry.checks import REACH_MM
+from profilecal.geometry.checks import FARTHEST_MM, REACH_MM
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import (
     CONVENTIONS,
@@ -24,7 +24,6 @@ from profilecal.scan.conventions import (
 from profilecal.scan.motion import DELAY_MS, checked_log, moment_label
 from profilecal.scan.scan import (
     ENTRY_RULES,
-    FARTHEST_MM,
     GUESS_SD,
     MEASURED,
     Scan,

@@ -15,6 +15,7 @@ from scipy.spatial.transform import RigidTransform
 from profilecal.geometry.checks import (
     check_array,
     check_positions,
+    check_readings,
     check_rigid,
     check_rotations,
 )
@@ -56,9 +57,6 @@ ENTRY_RULES: dict[str, Any] = {
     "title": TEXT,
     "noise": entries_of(Noise) | entries_of(Systematic),
 }
-# from the scanner; no profile scanner sees as far, and some print such numbers for no
-# point
-FARTHEST_MM = 10_000.0
 GUESS_SD = (15.0, 8.0)  # of a mount measured by hand or taken from a drawing
 
 
@@ -297,12 +295,7 @@ class Scan:
             if rows.shape[1:] != (columns,):
                 check_array(f"values[{k}]", rows, (None, columns), finite=False)
         every = np.concatenate([np.empty((0, columns)), *self.values])
-        largest = np.nanmax(np.abs(every), initial=0.0)
-        if 0 < largest < 1 or largest > FARTHEST_MM:
-            raise ScanError(
-                f"the largest value of {self.measured} is {largest:.3g}; "
-                f"expected 1 to {FARTHEST_MM:g} mm: are the units right?"
-            )
+        check_readings(self.measured, every, (None, columns), finite=False)
         counts = np.array([*map(len, self.values)])
         wrong, usual = counts > 1, "one"
         if self.measured == "profiles":

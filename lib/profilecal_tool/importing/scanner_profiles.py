@@ -10,7 +10,7 @@ import pandas
 from numpy import ndarray
 from pandas import Series
 
-from profilecal.scan.scan import FARTHEST_MM
+from profilecal.geometry.checks import FARTHEST_MM, READINGS_MM
 from profilecal.scan.tables import ScanError, cell_number, listed
 from profilecal_tool.importing.blocks import (
     LARGEST_POSE,
@@ -275,7 +275,7 @@ def in_mm(
     width = high[0] - low[0]
     largest = np.abs([low, high]).max()
     is_narrow = 0 < width < NARROW_MM and not said
-    if is_narrow or not 1 <= largest <= FARTHEST_MM:
+    if is_narrow or not READINGS_MM[0] <= largest <= FARTHEST_MM:
         sentence = f"{width:.4g} mm wide, up to {largest:.4g} mm away"
         hint = "the unit, or a code for nothing seen (--missing)?"
         times = LIKELY_MM / largest * scale  # so many mm would be likely
