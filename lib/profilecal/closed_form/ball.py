@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from profilecal.closed_form.groups import find_groups
 from profilecal.closed_form.two_step import (
     TwoStepSolution,
+    check_fit,
     check_line,
     check_orientations,
     check_spread,
@@ -24,7 +25,6 @@ from profilecal.geometry.checks import (
     check_readings,
     check_rotations,
 )
-from profilecal.geometry.poses import unit
 
 
 def solve_ball(R_tcp: ArrayLike, T_tcp: ArrayLike, q: ArrayLike) -> TwoStepSolution:
@@ -54,7 +54,8 @@ def solve_ball(R_tcp: ArrayLike, T_tcp: ArrayLike, q: ArrayLike) -> TwoStepSolut
     Raises
     ------
     ValueError
-        For malformed input, with the argument, the index and the value.
+        For malformed input, with the argument, the index and the value; for centres
+        that no sensor pose explains.
     UnobservableError
         Where the poses leave the answer open, with the motion to add.
 
@@ -90,31 +91,28 @@ def solve_ball(R_tcp: ArrayLike, T_tcp: ArrayLike, q: ArrayLike) -> TwoStepSolut
     )
     lines = q[still[0]] - q[still[1:]]
     moved = (T_tcp[still[1:]] - T_tcp[still[0]]) @ R_tcp[still[0]]
-    check_translations("q", lines, still, "ball centres", "sensor frame")
-    check_translations("T_tcp", moved, still, "positions", "flange frame")
+    lines, moved = map(of_length_one, (lines, moved))
+    of_what = ("ball centres", "sensor", lines), ("positions", "flange", moved)
+    for what, frame, vectors in of_what:
+        check_line(
+            vectors,
+            f"all {len(vectors)} differences of {what} are parallel in the {frame} "
+            "frame",
+            "the rotation about them cannot be known; translate along another line",
+        )
     check_orientations(R_tcp[turning], "turning poses")
 
-    rotation = solve_rotation(unit(lines).T, unit(moved).T)
+    rotation = solve_rotation(lines.T, moved.T)
     given = R_tcp[turning], T_tcp[turning], q[turning]
-    return TwoStepSolution(rotation, solve_translation(*given, rotation.R_sensor))
+    translation = solve_translation(*given, rotation.R_sensor)
+    check_fit(**vars(rotation), accuracy=translation.accuracy)
+    return TwoStepSolution(rotation, translation)
 
 
-def check_translations(
-    name: str, vectors: ndarray, still: ndarray, what: str, frame: str
-) -> None:
-    """Refuse differences (k - 1, 3), by an argument, of the first of the poses `still`
-    (k,) and the others where one has no length or all are parallel.
-    """
-    for k in np.flatnonzero(~vectors.any(axis=1)):
-        raise ValueError(
-            f"{name}[{still[k + 1]}] is {name}[{still[0]}]; "
-            f"expected {what} apart from the first"
-        )
-    check_line(
-        unit(vectors),
-        f"all {len(vectors)} differences of {what} are parallel in the {frame}",
-        "the rotation about them cannot be known; translate along another line",
-    )
+def of_length_one(vectors: ndarray) -> ndarray:
+    """Vectors (n, 3) of length one in the same directions; zero stays zero."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / np.where(length, length, 1)
 
 
 def solve_tetra_ball(q_b: ArrayLike, q_i: ArrayLike) -> tuple[ndarray, ndarray]:
@@ -139,7 +137,8 @@ def solve_tetra_ball(q_b: ArrayLike, q_i: ArrayLike) -> tuple[ndarray, ndarray]:
     Raises
     ------
     ValueError
-        For malformed input, with the argument, the index and the value.
+        For malformed input, with the argument, the index and the value; for points
+        that no such transform fits.
     UnobservableError
         For points on one line.
 
@@ -170,7 +169,9 @@ def solve_tetra_ball(q_b: ArrayLike, q_i: ArrayLike) -> tuple[ndarray, ndarray]:
             "the rotation about it cannot be known; add a point off the line",
         )
 
-    R = solve_rotation((q_i - centre_i).T, (q_b - centre_b).T).R_sensor
+    rotation = solve_rotation((q_i - centre_i).T, (q_b - centre_b).T)
+    check_fit(**vars(rotation))
+    R = rotation.R_sensor
     return R, centre_b - R @ centre_i
 
 
@@ -205,7 +206,8 @@ def solve_fixed_point(
     Raises
     ------
     ValueError
-        For malformed input, with the argument, the index and the value.
+        For malformed input, with the argument, the index and the value; for readings
+        that no sensor pose explains.
     UnobservableError
         Where the poses leave the answer open, with the motion to add.
 
@@ -252,6 +254,7 @@ def solve_fixed_point(
     r_1_and_r_3 = unknowns[:6].reshape(2, 3).T
     rotation = solve_rotation(np.eye(3)[:, [0, 2]], r_1_and_r_3)
     translation = solve_translation(R_tcp, T_tcp, q, rotation.R_sensor)
+    check_fit(**vars(rotation), accuracy=translation.accuracy)
     return TwoStepSolution(rotation, translation)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from profilecal.closed_form.groups import find_groups
 from profilecal.closed_form.two_step import (
     TwoStepSolution,
+    check_fit,
     check_line,
     check_orientations,
     solve_rotation,
@@ -117,8 +118,8 @@ def solve_disk(
     Raises
     ------
     ValueError
-        For malformed input, motions that are not straight, and chords that no disk of
-        this radius has, with the argument, the index and the value.
+        For malformed input, with the argument, the index and the value; motions that
+        are not straight; chords that no disk of this radius shows to any sensor pose.
     UnobservableError
         Where the poses leave the answer open, with the motion to add.
 
@@ -149,12 +150,6 @@ def solve_disk(
     radius = float(check_array("radius", radius, ()))
     if not radius > 0:
         raise ValueError(f"radius is {radius:g}; expected a length in mm")
-    longest = np.linalg.norm(np.diff(chords, axis=1), axis=-1).max()
-    if longest > 2.2 * radius:  # a tenth more than noise can make of a diameter
-        raise ValueError(
-            f"a chord is {longest:.3g} mm long; expected at most {2 * radius:g} mm, "
-            "the diameter: are radius and chords of this disk, in mm?"
-        )
     guess = check_array("R_sensor_guess", R_sensor_guess, (3, 3))
     check_rotations("R_sensor_guess", guess[None], 1)
     motions = motions_of(T_tcp, find_groups("R_tcp", R_tcp, group))
@@ -167,8 +162,18 @@ def solve_disk(
     tips = np.take_along_axis(chords, by_x, axis=1)
     check_bend(T_tcp, tips, motions, names)
     scans = scans_of(R_tcp, T_tcp, tips, motions, radius, heights, guess)
-    check_sensing_data(scans, radius, names)
-    return solve_scans(R_tcp, scans)
+    D_i = np.array([scan.D_i for scan in scans])
+    for k in np.flatnonzero(np.isnan(D_i).any(axis=1)):
+        raise ValueError(f"the tips at {names[k]} are on no ellipse; expected a disk's")
+    check_line(
+        D_i,
+        f"the {len(scans)} motions are parallel in the sensor frame",
+        "the rotation about them stays open; add one in another direction of it",
+    )
+    found = solve_scans(R_tcp, scans)
+    hint = ", is this the disk's radius, and does R_sensor_guess say the right way"
+    check_fit(**vars(found.rotation), accuracy=found.translation.accuracy, also=hint)
+    return found
 
 
 def motions_of(T_tcp: ndarray, number: ndarray) -> list[ndarray]:
@@ -255,26 +260,6 @@ def check_bend(
                 f"the {len(rows)} chords at {name} hardly change in length, so their "
                 "ellipse cannot be known; move farther across the disk"
             )
-
-
-def check_sensing_data(
-    scans: list[SensingData], radius: float, names: list[str]
-) -> None:
-    """Refuse scans that are of no disk of this radius, and motions that are
-    parallel.
-    """
-    for name, scan in zip(names, scans, strict=True):
-        if scan.clipped:
-            raise ValueError(
-                f"the chords at {name} and radius {radius:g} mm make the cosine of "
-                f"Eq. 9 {scan.cos_alpha:.3g}; expected -1 to 1: are they those "
-                "of one disk, and is this its radius?"
-            )
-    check_line(
-        np.array([scan.D_i for scan in scans]),
-        f"the {len(scans)} motions are parallel in the sensor frame",
-        "the rotation about them stays open; add one in another direction of it",
-    )
 
 
 def sensing_data(

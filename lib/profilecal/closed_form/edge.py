@@ -150,18 +150,19 @@ def solve_edge(
 
     smooth = smoothed(T, points, present) if regression else points
     found = edge_equations(R, T, smooth, present)
-    noise = estimate_noise(T, points, present)
-    if np.isnan(noise):
-        noise = scatter_about_line(found.p_b[present])
+    p_b = edge_translation(R, T, points, found.R_sensor, present).p_b[present]
+    noise = scatter_about_line(p_b)
     strength = rotation_strength(noise, R, T, points, found.rotation, present)
     rank = found.translation.rank
     if not strength >= REFUSED or rank < 3:  # true for NaN
         raise UnobservableError(
             "the motions leave the pose open: the smallest singular value of A_r is "
-            f"{strength:.2g} times what noise makes of a zero, {REFUSED:g} "
-            f"needed, and A_t has rank {rank}, 3 needed; turn the flange more "
-            "between groups, about several axes, and move within them in space, or in "
-            "one plane of the base, tilted against the edge by 30° or more"
+            f"{strength:.2g} times what noise makes of a zero, {REFUSED:g} needed, as "
+            f"points are {noise:.2g} mm off an edge, and A_t has rank {rank}, 3 "
+            "needed; turn the flange more between groups, about several axes, and move "
+            "within them in space, or in one plane of the base, tilted against the "
+            "edge by 30° or more (are the poses those of the flange in the base, the "
+            "readings theirs, row by row, and all in mm?)"
         )
     p_b = np.empty((n, 3))
     p_b[index] = found.p_b
@@ -170,7 +171,7 @@ def solve_edge(
 
 def smoothed(T_b: ndarray, p_s: ndarray, present: ndarray) -> ndarray:
     """Points less what an affine function of their group's positions leaves of them."""
-    points = p_s - affine_residuals(T_b, p_s, present)[0]
+    points = p_s - affine_residuals(T_b, p_s, present)
     return np.where(present[..., None], points, points[..., :1, :])
 
 
@@ -353,23 +354,17 @@ def edge_translation(
     return EdgeTranslation(u_b, rank, T_sensor, p_b)
 
 
-def estimate_noise(T_b: ndarray, p_s: ndarray, present: ArrayLike = True) -> ndarray:
-    """Standard deviation (...) of the sensed points, mm, from the groups'
-    `affine_residuals`; NaN without any.
-    """
-    residuals, freedom = affine_residuals(T_b, p_s, present)
-    squares = (residuals**2).sum(axis=(-3, -2, -1))
-    freedom = 2 * freedom.sum(axis=-1)
-    return np.sqrt(squares / np.where(freedom > 0, freedom, np.nan))
-
-
 def scatter_about_line(p_b: ndarray) -> ndarray:
-    """The same from how the edge's points (n, 3) in the base frame scatter about a
-    line: it and the pose have ten unknowns. NaN for five points or fewer.
+    """Standard deviation (...) of the edge's points (..., n, 3) in the base frame about
+    a line, mm, across it. It and the pose have ten unknowns; NaN for five points or
+    fewer.
+
+    It is the noise of the sensed points, or what a wrong pose adds to it.
     """
-    freedom = 2 * len(p_b) - 10
-    _, *across = np.linalg.svd(p_b - p_b.mean(axis=0), compute_uv=False)
-    return np.hypot(*across) / np.sqrt(freedom if freedom > 0 else np.nan)
+    freedom = 2 * p_b.shape[-2] - 10
+    offsets = p_b - p_b.mean(axis=-2, keepdims=True)
+    across = np.linalg.svd(offsets, compute_uv=False)[..., 1:]
+    return np.linalg.norm(across, axis=-1) / np.sqrt(freedom if freedom > 0 else np.nan)
 
 
 def rotation_strength(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.checks import UnobservableError, check_count
+from profilecal.geometry.observability import HAND_PRECISION
 from profilecal.geometry.poses import carry, homogeneous, nearest_rotation
 
 # directions or orientations that differ by less are taken for one
@@ -99,6 +100,29 @@ def solve_translation(
     q_b = q_b_i.mean(axis=-2)
     accuracy = np.linalg.norm(q_b_i - q_b[..., None, :], axis=-1).max(axis=-1)
     return TranslationSolution(T_sensor, q_b_i, q_b, accuracy)
+
+
+def check_fit(
+    X: ndarray,
+    Y: ndarray,
+    R_sensor: ndarray,
+    accuracy: float | ndarray = 0.0,
+    also: str = "",
+) -> None:
+    """Refuse an answer that fits what it is of no better than a measurement by hand
+    would: vectors (3, n) in R_sensor X = Y, and a fixed point, met to `accuracy`, mm.
+
+    Noise does not explain this, readings of other poses do; `also` asks what else may.
+    """
+    most_mm, *_, most = HAND_PRECISION
+    off = np.linalg.norm(R_sensor @ X - Y) / np.linalg.norm(Y)
+    if not (off <= most and accuracy <= most_mm):  # true for NaN
+        raise ValueError(
+            f"no sensor pose fits: with the best, vectors differ by {off:.2g} of their "
+            f"length and the point by {accuracy:.2g} mm; expected at most {most:.2g} "
+            f"and {most_mm:g} mm: are the poses those of the flange in the base, the "
+            f"readings theirs, row by row, and all in mm{also}?"
+        )
 
 
 def check_spread(spread_deg: float, what: str, so: str) -> None:

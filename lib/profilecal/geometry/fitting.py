@@ -205,16 +205,12 @@ def with_sign(axes: ndarray) -> ndarray:
 
 def affine_residuals(
     positions: ndarray, values: ndarray, present: ArrayLike = True
-) -> tuple[ndarray, ndarray]:
+) -> ndarray:
     """What an affine function of positions (..., n, 3) leaves of values (..., n, k).
 
     Inside a rotation group the sensed point of a straight edge, or a marked point, is
     such a function of the flange position, whatever the calibration: what is left is
-    noise. Values that are not `present` (..., n) are left out.
-
-    Returns the residuals (..., n, k), zero of what is left out, and their degrees of
-    freedom (...): the number of values less one and that of directions in which the
-    positions extend.
+    noise. Values that are not `present` (..., n) are left out: zero is left of them.
     """
     n = positions.shape[-2]
     weight = np.broadcast_to(present, positions.shape[:-1])[..., None]
@@ -229,5 +225,4 @@ def affine_residuals(
     # an arc leaves its plane, a line itself, by less
     extends = np.maximum(1e-3 * S[..., :1], rounding) < S
     U = U * extends[..., None, :]
-    residuals = residuals - U @ (U.mT @ residuals)
-    return residuals, weight.sum(axis=(-2, -1)) - 1 - extends.sum(axis=-1)
+    return residuals - U @ (U.mT @ residuals)

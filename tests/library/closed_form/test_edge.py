@@ -69,15 +69,6 @@ def test_noise_gain_is_the_derivative_of_the_singular_value_summed_over_all_poin
     assert gain == pytest.approx(np.sqrt(squares), rel=1e-9)
 
 
-def test_noise_is_estimated_from_the_data_alone():
-    scene = edge_scenes(EdgePlan(), Noise(0.05), default_rng(6), (400,))
-    estimate = edge.estimate_noise(scene.poses.positions, scene.points)
-    freedom = 25 * 2 * (10 - 3)  # an arc's affine map has three parameters a coordinate
-    chi2 = freedom * (estimate / 0.05) ** 2
-    assert abs(chi2.mean() - freedom) < 4 * np.sqrt(2 * freedom / 400)
-    assert chi2.var() == pytest.approx(2 * freedom, rel=4 * np.sqrt(2 / 400))
-
-
 DEGENERATE = {
     "arc contains the edge": EdgePlan(tilt_deg=0.0),
     "arcs contain the edge": EdgePlan(tilt_deg=0.0, frame="group"),
@@ -93,7 +84,7 @@ def test_over_many_scenes_the_detector_neither_misses_nor_cries_wolf():
     def strengths(plan):
         scene = edge_scenes(plan, Noise(0.05), rng, (500,))
         found = edge_equations(*data(scene))
-        noise = edge.estimate_noise(scene.poses.positions, scene.points)
+        noise = edge.scatter_about_line(found.p_b.reshape(500, -1, 3))
         return edge.rotation_strength(noise, *data(scene), found.rotation)
 
     assert (strengths(SPACE) < 10).sum() == 0

@@ -11,7 +11,11 @@ import sensing_data as scenes
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 
-from profilecal.closed_form.ball import solve_ball, solve_fixed_point
+from profilecal.closed_form.ball import (
+    solve_ball,
+    solve_fixed_point,
+    solve_tetra_ball,
+)
 from profilecal.closed_form.disk import solve_disk
 from profilecal.closed_form.edge import solve_edge
 from profilecal.geometry.poses import nearest_rotation, pose_error, rotations
@@ -165,25 +169,30 @@ def with_entry(values, index, entry):
 DISK = random_scene("disk", default_rng(1))
 R, T, SEEN, GROUP = edge_rows()
 OF_EDGE = {"R_b": R, "T_b": T, "p_s": SEEN}
-MIRRORED = R @ np.diag([1.0, 1.0, -1.0])
+REFLECTED = R @ np.diag([1.0, 1.0, -1.0])
 EDGE_REFUSED = [
     ({"R_b": R[:0], "T_b": T[:0], "p_s": SEEN[:0]}, "poses: 0 given, at least 3"),
     ({"T_b": "here"}, "T_b is no array of numbers: could not convert"),
     ({"group": [1, 2]}, r"group has shape \(2,\); expected \(\d+,\)"),
     ({"group": 0 * GROUP}, r"R_b\[\d+\] differs from R_b\[0\], which has the same l"),
+    ({"R_b": R.mT}, "the motions leave the pose open"),
+    ({"p_s": SEEN / 25.4}, "the motions leave the pose open"),
 ]
 R, T, SEEN, GROUP = arrays(DISK, 0.05)
 OF_DISK = {"R_tcp": R, "T_tcp": T, "chords": SEEN, "radius": "50"}  # as in a file
 KNOWN = {"R_sensor_guess": DISK.R_sensor}
+TURN = rotations([np.pi / 2, 0, 0])
 BENT = with_entry(T, (1, 2), T[1, 2] + 9)
 DISK_REFUSED = [
     (KNOWN | {"radius": -1}, "radius is -1; expected a length in mm"),
-    (KNOWN | {"radius": 10}, "mm long; expected at most 20 mm, the diameter"),
-    (KNOWN | {"radius": 500}, r"R_tcp\[\d+\] and radius 500 mm .* cosine of Eq. 9 "),
+    *((KNOWN | {"radius": r}, "is this the disk's radius") for r in (10, 45, 55, 500)),
+    ({"R_sensor_guess": DISK.R_sensor @ TURN}, "does R_sensor_guess say the right way"),
+    (KNOWN | {"chords": 0 * SEEN + SEEN[0, 0]}, "the 40 chords at .* hardly change"),
+    (KNOWN | {"chords": SEEN * [1, 0]}, r"R_tcp\[0\] are on no ellipse"),
     (KNOWN | {"heights": "guessed"}, "heights is 'guessed'; expected 'regression'"),
     (KNOWN | {"T_tcp": BENT}, r"R_tcp\[0\], .* leave a line by more than 1% of that"),
     (KNOWN | {"T_tcp": 0 * T + 500}, r"orientation R_tcp\[0\], 0 mm from end to end"),
-    ({"R_sensor_guess": MIRRORED[0]}, r"R_sensor_guess\[0\] is a reflection"),
+    ({"R_sensor_guess": REFLECTED[0]}, r"R_sensor_guess\[0\] is a reflection"),
 ]
 
 
@@ -197,19 +206,24 @@ MIDDLE = chords_of(np.flatnonzero(np.abs(np.arange(len(GROUP)) % 40 - 20) < 3))
 R, T, SEEN = scenes.ball_data(default_rng(8), 5, 4)[1]
 OF_BALL = {"R_tcp": R, "T_tcp": T, "q": SEEN}
 TWICE = OF_BALL | {"q": SEEN[[0, 1, 0, *range(3, 9)]]}
+BEHIND = OF_BALL | {"q": SEEN * [1, -1, 1]}
+SWAPPED = OF_BALL | {"q": SEEN[[*range(5), 6, 5, 7, 8]]}
 T = OF_BALL["T_tcp"]
 STILL = OF_BALL | {"T_tcp": T[[0, 0, 0, 0, *range(4, 9)]]}
 ONE_WAY = OF_BALL | {"T_tcp": T[[0, 1, 1, 1, 1, *range(5, 9)]]}
 NO_TRANSLATION = {name: values[4:] for name, values in OF_BALL.items()}
 R, T, SEEN = scenes.point_data(default_rng(9))[1]
 OF_POINT = {"R_tcp": R, "T_tcp": T, "q": SEEN[:, ::2]}
+MIRRORED = {"q_b": np.eye(4, 3), "q_i": -np.eye(4, 3)}
 REFUSED = [
     *((solve_edge, OF_EDGE | change, sentence) for change, sentence in EDGE_REFUSED),
     *((solve_disk, OF_DISK | change, sentence) for change, sentence in DISK_REFUSED),
-    (solve_ball, TWICE, r"q\[2\] is q\[0\]; expected ball centres apart"),
-    (solve_ball, STILL, r"T_tcp\[1\] is T_tcp\[0\]; expected positions apart"),
+    *((solve_ball, given, "no sensor pose fits") for given in (TWICE, BEHIND, SWAPPED)),
+    (solve_ball, STILL, "differences of positions are parallel in the flange frame"),
     (solve_ball, ONE_WAY, "differences of positions are parallel in the flange frame"),
     (solve_ball, NO_TRANSLATION, "translating poses: 1 given, at least 3 needed"),
+    (solve_fixed_point, OF_POINT | {"q": SEEN[::-1, ::2]}, "no sensor pose fits"),
+    (solve_tetra_ball, MIRRORED, "no sensor pose fits"),
     (solve_disk, OF_DISK | FEW, r"orientation R_tcp\[9\]: 2 given, at least 3"),
     (solve_disk, OF_DISK | MIDDLE, r"the 5 chords at .* hardly change in length"),
 ]

@@ -94,8 +94,7 @@ def test_affine_residuals_are_those_of_the_regression_on_where_the_positions_ext
     positions = positions + 1000
     values = rng.normal(size=(5, 9, 2))
     present = rng.permuted(np.tile(np.arange(9) < count, (5, 1)), axis=1)
-    residuals, freedom = affine_residuals(positions, values, present)
-    assert (freedom == count - 1 - dimensions).all()
+    residuals = affine_residuals(positions, values, present)
     assert_allclose(residuals[~present], 0, atol=1e-9)
     for k, rows in enumerate(present):
         A = np.column_stack([np.ones(count), positions[k, rows] - 1000])
