@@ -27,13 +27,14 @@ def check_array(
     shape: tuple[int | None, ...],
     finite: bool = True,
 ) -> ndarray:
-    """Return `values` as a float array of a shape, in which None is any length.
+    """Return `values` as a float array of a shape, in which None is any length; what is
+    masked is NaN.
 
     Raises ValueError for what is no array of numbers, with the shape that it has
     instead, or with the first entry that is not finite, unless it may be.
     """
     try:
-        array = np.asarray(values, dtype=float)
+        array: ndarray = np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} is no array of numbers: {error}") from error
     fits = array.ndim == len(shape) and all(

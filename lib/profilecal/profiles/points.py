@@ -18,6 +18,8 @@ NOISE_LIMIT = 5.0
 LEAST_TOLERANCE = 0.1
 # mm; a profile that needs as much shows no surface
 LARGEST_TOLERANCE = 2.0
+# mm², of errors that are rounding alone
+EVEN = 1e-12
 
 
 def in_each(profiles: Profiles, found_in: Callable, *given: Any) -> list:
@@ -67,14 +69,16 @@ def tolerance(z: ndarray) -> float:
 
     It follows from the second differences of the depths z (k,), of which independent
     noise has √6 times the standard deviation of a point. Where z comes in coarse steps
-    most of them are zero; then the least of the others tells.
+    most of them are zero; then the least of the others tells, unless it is one of a
+    few: of a target's own steps, seen without noise.
     """
     if len(z) < 5:
         return LEAST_TOLERANCE
     second = np.abs(np.diff(z, 2))
     one_sigma = int(0.68 * len(second))
     sigma = np.partition(second, one_sigma)[one_sigma] / np.sqrt(6)
-    step = min(second[(second > 1e-6) & (second < 1)], default=0)
+    bends = second[second > 1e-6]
+    step = min(bends, default=0) if len(bends) > 10 else 0
     limit = max(NOISE_LIMIT * sigma, 1.5 * step)
     return float(np.clip(limit, LEAST_TOLERANCE, LARGEST_TOLERANCE))
 
@@ -95,12 +99,11 @@ def surface(profile: ndarray) -> tuple[ndarray, float]:
     return np.flatnonzero(np.abs(z - outline) <= 5 * limit), limit  # far beyond noise
 
 
-def visible(mean_square: float) -> float:
-    """The mean square of errors, mm²; that of the least tolerance where points are
-    exactly even, which show no noise.
+def visible(mean_square: float, limit: float = LEAST_TOLERANCE) -> float:
+    """The mean square of errors, mm²; that of a tolerance, mm, where points are exactly
+    even, which show no noise.
     """
-    least = (LEAST_TOLERANCE / NOISE_LIMIT) ** 2
-    return mean_square if mean_square > 1e-12 else least
+    return mean_square if mean_square > EVEN else (limit / NOISE_LIMIT) ** 2
 
 
 def stretches(rows: ndarray, gap: int) -> list[ndarray]:
@@ -113,14 +116,16 @@ def variance_inflation(errors: ndarray) -> float:
     ones.
 
     It is 1 + 2 Σ ρ, up to the first autocorrelation ρ that is not twice its own
-    standard error above zero.
+    standard error above zero. Points that are exactly even have one error.
     """
     longest = 40  # lag, in points
     k = len(errors)
     square = errors @ errors
+    if square <= EVEN * k:
+        return float(k)
     total = 1.0
     for lag in range(1, min(longest, k // 4)):
-        rho = errors[lag:] @ errors[:-lag] / square if square else 0.0
+        rho = errors[lag:] @ errors[:-lag] / square
         if rho < 2 / np.sqrt(k):
             break
         total += 2 * rho

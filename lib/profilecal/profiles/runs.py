@@ -82,7 +82,7 @@ class Run:
         It is larger where neighbouring points err alike.
         """
         k = len(self.off)
-        mean_square = visible(self.off @ self.off / max(k - 2, 1))
+        mean_square = visible(self.off @ self.off / max(k - 2, 1), self.limit)
         variance = mean_square * variance_inflation(self.off)
         from_middle = self.coordinates(places)[0]
         by_slope = np.outer(from_middle, from_middle) / (self.along @ self.along)

@@ -20,6 +20,7 @@ from profilecal.closed_form.disk import solve_disk
 from profilecal.closed_form.edge import solve_edge
 from profilecal.geometry.poses import nearest_rotation, pose_error, rotations
 from profilecal.simulation.scene import random_scene
+from profilecal.targets import Ball
 from profilecal_papers.batches import disk_method, edge_method
 
 
@@ -173,6 +174,7 @@ REFLECTED = R @ np.diag([1.0, 1.0, -1.0])
 EDGE_REFUSED = [
     ({"R_b": R[:0], "T_b": T[:0], "p_s": SEEN[:0]}, "poses: 0 given, at least 3"),
     ({"T_b": "here"}, "T_b is no array of numbers: could not convert"),
+    ({"T_b": np.ma.masked_greater(T, 0)}, r"T_b\[.*\] is nan; expected finite numbers"),
     ({"group": [1, 2]}, r"group has shape \(2,\); expected \(\d+,\)"),
     ({"group": 0 * GROUP}, r"R_b\[\d+\] differs from R_b\[0\], which has the same l"),
     ({"R_b": R.mT}, "the motions leave the pose open"),
@@ -204,6 +206,7 @@ def chords_of(rows):
 FEW = chords_of(uneven(GROUP, (9, 2)))
 MIDDLE = chords_of(np.flatnonzero(np.abs(np.arange(len(GROUP)) % 40 - 20) < 3))
 R, T, SEEN = scenes.ball_data(default_rng(8), 5, 4)[1]
+BALL = Ball(np.zeros(3), radius=10.0)
 OF_BALL = {"R_tcp": R, "T_tcp": T, "q": SEEN}
 TWICE = OF_BALL | {"q": SEEN[[0, 1, 0, *range(3, 9)]]}
 BEHIND = OF_BALL | {"q": SEEN * [1, -1, 1]}
@@ -226,6 +229,11 @@ REFUSED = [
     (solve_tetra_ball, MIRRORED, "no sensor pose fits"),
     (solve_disk, OF_DISK | FEW, r"orientation R_tcp\[9\]: 2 given, at least 3"),
     (solve_disk, OF_DISK | MIDDLE, r"the 5 chords at .* hardly change in length"),
+    (
+        BALL.centre_from_circle,
+        {"circle": [0, 9, 9], "side": [1, 0]},
+        "side is 0; expected 1",
+    ),
 ]
 SOLVERS = [
     (solve_edge, OF_EDGE),

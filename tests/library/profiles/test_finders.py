@@ -101,13 +101,16 @@ def test_curves_are_found(name):
     assert share_found(features_of(kind, spoil(profiles, places, rng), radius)) >= 0.99
 
 
+@pytest.mark.parametrize(("step", "least"), [(0.5, 0.95), (1.0, 0.5), (2.0, 0)])
 @pytest.mark.parametrize(
     ("kind", "make"), [("disk", disks), ("ball", balls), ("plane", planes)]
 )
-def test_a_target_is_found_where_depths_come_in_coarse_steps(kind, make):
+def test_a_target_is_found_where_depths_come_in_coarse_steps(kind, make, step, least):
+    """Or nothing is, but for faces that are level by chance."""
     profiles = make(default_rng(3), 60)[0]
-    profiles[..., 1] = np.rint(profiles[..., 1] / 0.5) * 0.5
-    assert share_found(features_of(kind, profiles)) >= 0.95
+    profiles[..., 1] = np.rint(profiles[..., 1] / step) * step
+    share = share_found(features_of(kind, profiles))
+    assert least <= share <= max(2 * least, 0.1)
 
 
 def test_a_steep_face_is_no_surface_in_coarse_steps():
@@ -121,7 +124,7 @@ def test_rows_that_are_all_alike_are_not_known_exactly(kind, behind):
     z = np.where(np.abs(x) < 22, 100.0, behind)
     (feature,) = features_of(kind, [np.stack([x, z], axis=-1)])
     assert feature.found
-    assert (feature.covariance[:, 1, 1] > 0).all()
+    assert (feature.covariance[:, 1, 1] > 0.01**2).all()
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "rod"])
