@@ -170,12 +170,16 @@ def find_arc(profile: ndarray, kind: BallSections | RodSections) -> Feature:
     if limit == LARGEST_TOLERANCE:
         return nothing("neighbouring points differ too much to be of one surface")
     points = profile[rows]
-    found = arc_among(points, limit, kind)
+    if len(points) < LEAST_ARC_POINTS:
+        return nothing(f"{len(points)} points; an arc needs {LEAST_ARC_POINTS}")
+    circles = circles_through(points, kind.largest * kind.radius)
+    found = arc_among(points, circles, limit, kind)
     if isinstance(found, str):
         return nothing(found)
     curve, on = found
     least = max(LEAST_ARC_POINTS, int(AMBIGUOUS * len(on)))
-    other = arc_among(np.delete(points, on, axis=0), limit, kind, least)
+    others = np.delete(points, on, axis=0)
+    other = arc_among(others, circles, limit, kind, least)
     if not isinstance(other, str):
         return nothing("two arcs of similar length")
     arc = points[on]
@@ -188,16 +192,16 @@ def find_arc(profile: ndarray, kind: BallSections | RodSections) -> Feature:
 
 def arc_among(
     points: ndarray,
+    circles: ndarray,
     limit: float,
     kind: BallSections | RodSections,
     least: int = LEAST_ARC_POINTS,
 ) -> tuple[Section, ndarray] | str:
-    """The longest arc of a kind that points (k, 2) show, and which of them are on it,
-    as indices; or, in words, why there is none of at least so many.
+    """The longest arc of a kind that points (k, 2) show, near one of some circles
+    (c, 3), and which of them are on it, as indices; or, in words, why there is none of
+    at least so many.
     """
-    if len(points) < least:
-        return f"{len(points)} points; an arc needs {least}"
-    circle = best_circle(points, limit, kind.largest * kind.radius)
+    circle = best_circle(circles, points, limit)
     found = circle and refined(circle, points, limit, kind, least)
     if not found:
         return kind.missing
@@ -251,10 +255,9 @@ def why_no_arc(curve: Section, points: ndarray, on: ndarray, limit: float) -> st
     return ""
 
 
-def best_circle(points: ndarray, limit: float, largest: float) -> Section | None:
-    """Of circles through three points of a profile (k, 2) each, with equal numbers of
-    points between them, the one on which most points are for its size; None if no
-    circle has enough of them.
+def circles_through(points: ndarray, largest: float) -> ndarray:
+    """Circles (c, 3), x, z and radius, through three points of a profile (k, 2) each,
+    with equal numbers of points between them.
 
     No circle is larger than `largest`, mm, or smaller than a fifth of it. The three
     points spread over a sixtieth of the profile to all of it, so that some see the arc
@@ -266,10 +269,16 @@ def best_circle(points: ndarray, limit: float, largest: float) -> Section | None
     rows = np.stack([starts, starts + spans // 2, starts + spans], axis=-1)
     circles = fit_circle(points[rows.reshape(-1, 3)])
     radii = circles[:, 2]
-    circles = circles[(largest / 5 < radii) & (radii < largest)]  # false for NaN
+    return circles[(largest / 5 < radii) & (radii < largest)]  # false for NaN
+
+
+def best_circle(circles: ndarray, points: ndarray, limit: float) -> Section | None:
+    """Of circles (c, 3) the one on which most points (k, 2) are for its size; None if
+    no circle has enough of them.
+    """
     if not len(circles):
         return None
-    few = points[:: max(1, k // 250)]
+    few = points[:: max(1, len(points) // 250)]
     off = cdist(circles[:, :2], few) - circles[:, 2:]
     count = np.count_nonzero(np.abs(off) < limit, axis=1)
     # a line stays near a circle over a length that grows as √radius
