@@ -26,6 +26,7 @@ from profilecal.geometry.poses import (
     check_alike,
     homogeneous,
     inverse,
+    nearest_rotation,
     rotation_groups,
 )
 from profilecal.scan.conventions import CONVENTIONS, named
@@ -144,9 +145,9 @@ class Scan:
             Poses of the flange in the base frame, mm. `pose_matrices` makes them from
             positions and the orientations that a robot prints.
         profiles : sequence of P arrays (n, 2)
-            Raw profiles, x and z in mm in scan order; points that were not seen are NaN
-            or left out, a profile without any is None or empty. One of `profiles`,
-            `points`, `chords` and `arcs` is given.
+            Raw profiles, x and z in mm in scan order; points that were not seen are
+            NaN, masked or left out, a profile without any is None or empty. One of
+            `profiles`, `points`, `chords` and `arcs` is given.
         points : array (P, 2)
             Sensed points of an edge or a marked point, x and z in mm; NaN for none.
         chords : array (P, 4) or (P, 2, 2)
@@ -228,12 +229,13 @@ class Scan:
         )
         recorded = None
         with naming("Scan"):
+            if (log is None) != (times is None):
+                given = "a log without times" if log else "times without a log"
+                raise ValueError(f"{given}; expected both or neither")
             T = rigid("T_base_flange", T_base_flange)
             if log is not None:
                 way = rigid("log T", log[1])
                 recorded = checked_log(log[0], way[:, :3, :3], way[:, :3, 3])
-            elif times is not None:
-                raise ValueError("times without a log; expected both or neither")
             values = rows_by_pose(measured, rows)
         numbered = range(1, len(T) + 1)
         return cls(
@@ -253,7 +255,7 @@ class Scan:
             convention=named(convention).name,
             log=recorded,
             times=times,
-            sweeps=tuple(map(str, sweeps)),
+            sweeps=tuple(str(name).strip() for name in sweeps),
             delay_ms=delay_ms,
         )
 
@@ -281,8 +283,8 @@ class Scan:
             self._check_measured()
 
     def _check_measured(self) -> None:
-        """Refuse measurements that do not fit the target, or that are not in mm; a
-        profile of one point, and a pose with two points, chords or arcs.
+        """Refuse measurements that do not fit the target, or that are not in mm; a scan
+        of nothing, and a pose with two points, chords or arcs.
         """
         expected = self.target.tables
         if self.measured not in expected:
@@ -297,15 +299,13 @@ class Scan:
         every = np.concatenate([np.empty((0, columns)), *self.values])
         check_readings(self.measured, every, (None, columns), finite=False)
         counts = np.array([*map(len, self.values)])
-        wrong, usual = counts > 1, "one"
-        if self.measured == "profiles":
-            wrong = counts == 1
-            usual = "more, or none where nothing was seen (single ones are points)"
-        if wrong.any():
-            k = int(wrong.argmax())
+        most = counts.max(initial=0)
+        if not most:
+            raise ValueError(f"no rows of {self.measured}; expected what was seen")
+        if self.measured != "profiles" and most > 1:
             raise ValueError(
-                f"pose {self.labels[k]!r} has {counts[k]} rows of {self.measured}; "
-                f"expected {usual}"
+                f"pose {self.labels[counts.argmax()]!r} has {most} rows of "
+                f"{self.measured}; expected one"
             )
 
     def _by_log(self, log: Log) -> Entries:
@@ -316,10 +316,11 @@ class Scan:
         ValueError.
         """
         moving, P = self.moving, len(self.times)
-        if len(self.sweeps) != P:
+        named = np.array(self.sweeps) != ""
+        if len(named) != P or not named[moving].all():
             raise ValueError(
-                f"{len(self.sweeps)} sweeps for {P} times; expected a time and the "
-                "name of a sweep for each profile"
+                f"{named.sum()} of {len(named)} sweeps have a name, for {P} times; "
+                "expected a time and the name of a sweep for each profile"
             )
 
         def of_all(of_rest: Any, of_moving: Any) -> ndarray:
@@ -363,7 +364,7 @@ class Scan:
             raise ValueError(f"group has shape {group.shape}; expected ({P},)")
         if self.group_given:
             still = ~self.moving
-            check_alike("R_base_flange", R[still], group[still])
+            check_alike("T_base_flange", R[still], group[still])
         side = np.asarray(self.side)
         if side.shape not in ((), (P,)) or not np.isin(side, (-1, 0, 1)).all():
             raise ValueError(f"side is {self.side}; expected 1, -1 or 0, for each pose")
@@ -453,11 +454,14 @@ def read_only(values: ndarray) -> ndarray:
 
 
 def rigid(name: str, poses: Any) -> ndarray:
-    """Poses (P, 4, 4), of arrays or scipy's; none of None. Raises ValueError."""
+    """Poses (P, 4, 4), of arrays, which may be rounded, or scipy's; none of None.
+    Raises ValueError.
+    """
     if poses is None:
         return np.empty((0, 4, 4))
     is_rigid = isinstance(poses, RigidTransform)
-    return check_rigid(name, poses.as_matrix() if is_rigid else poses)
+    T = check_rigid(name, poses.as_matrix() if is_rigid else poses)
+    return homogeneous(nearest_rotation(T[:, :3, :3]), T[:, :3, 3])
 
 
 def the_one_given(**measurements: Any) -> tuple[str, Any]:
@@ -477,10 +481,9 @@ def rows_by_pose(measured: str, values: Any) -> tuple[ndarray, ...]:
     """
     columns = len(MEASURED[measured])
     if measured != "profiles":
-        array = np.asarray(values, dtype=float)
-        flat = array.reshape(len(array), -1) if array.ndim == 3 else array
-        check_array(measured, flat, (None, columns), finite=False)
-        return tuple(flat[:, None])
+        flat = np.reshape(values, (-1, columns)) if np.ndim(values) == 3 else values
+        rows = check_array(measured, flat, (None, columns), finite=False)
+        return tuple(rows[:, None])
     return tuple(
         check_array(f"profiles[{k}]", profile, (None, columns), finite=False)
         if profile is not None and len(profile)

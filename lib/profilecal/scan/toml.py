@@ -160,5 +160,5 @@ def toml_text(entries: Mapping[str, Any]) -> str:
     for name, table in ({"": plain} | tables).items():
         text += f"\n[{name}]\n" if name and table else ""
         for key, value in table.items():
-            text += f"{key} = {json.dumps(value, ensure_ascii=False)}\n"
+            text += f"{key} = {json.dumps(value, ensure_ascii=False, default=float)}\n"
     return text

@@ -30,8 +30,8 @@ def actual_poses(
     3) of N positions (..., G, N, 3), mm: (..., G, N, 3, 3) and (..., G, N, 3).
 
     Groups with the same number in `same` (G,) share a group's error. `to_hand`: the
-    poses are of the base in the flange's frame; the result is not. On a sweep it is
-    `sweeps.erring`, at each visit `spec.record` that make up errors.
+    poses are of the base in the flange's frame; the result is not. On a sweep
+    `sweeps.erring` makes up errors, at each visit `revisited`.
     """
     shape = T.shape
     shape_of_groups = (*shape[:-2], 1, 3)
@@ -48,6 +48,18 @@ def actual_poses(
     if to_hand:
         R, T = inverse(R, T)
     return rotations(np.radians(turn)) @ R, T + shift
+
+
+def revisited(R: ndarray, T: ndarray, noise: Noise, rng: Generator) -> Frames:
+    """The same poses (n, 3, 3), (n, 3), mm, with the errors that are fresh whenever the
+    robot comes to one.
+    """
+    if noise.repeatability_mm:
+        T = T + noise.repeatability_mm * rng.normal(size=T.shape)
+    if noise.repeatability_deg:
+        turn = noise.repeatability_deg * rng.normal(size=T.shape)
+        R = rotations(np.radians(turn)) @ R
+    return R, T
 
 
 # of the joints, all turned to zero: the arm then points straight up

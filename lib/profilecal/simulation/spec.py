@@ -10,7 +10,7 @@ from numpy import ndarray
 from numpy.random import Generator
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import Frames, homogeneous, inverse, rotations
+from profilecal.geometry.poses import Frames, homogeneous, inverse
 from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.scan import MEASURED, MOUNTS, Scan, length_rules
 from profilecal.scan.tables import ScanError, naming
@@ -24,7 +24,7 @@ from profilecal.scan.toml import (
     one_of,
     whole,
 )
-from profilecal.simulation.robot import Robot, Scanner, actual_poses
+from profilecal.simulation.robot import Robot, Scanner, actual_poses, revisited
 from profilecal.simulation.scene import Scene, Setup, random_scene
 from profilecal.simulation.sweeps import Motion, Sweep, drive
 from profilecal.targets import TARGETS
@@ -230,8 +230,9 @@ def check_effects(spec: Spec) -> None:
     """Refuse errors that a robot may have and a simulation of this scan leaves out."""
     sizes = asdict(spec.noise) | asdict(spec.robot) | {"repeats": spec.repeats - 1}
     idle = ["accuracy_mm", "accuracy_deg"]
-    if spec.motion:
-        idle += ["joint_deg", "link_mm", "repeats"]
+    idle += ["joint_deg", "link_mm", "repeats"] if spec.motion else ["jitter_ms"]
+    if not TARGETS[spec.kind].steered:
+        idle.append("steering_mm")
     for name in idle:
         if sizes[name]:
             raise ScanError(f"{name} has no effect in this simulation; leave it out")
@@ -253,12 +254,7 @@ def record(scene: Scene, poses: Frames, spec: Spec, rng: Generator) -> Scan:
     """
     # what is measured again at a stop has the error of the same visit
     visit = np.repeat(np.arange(len(scene.labels)), spec.repeats)
-    (R_actual, T_actual), noise = poses, spec.noise
-    if noise.repeatability_mm:
-        T_actual = T_actual + noise.repeatability_mm * rng.normal(size=T_actual.shape)
-    if noise.repeatability_deg:
-        turn = np.radians(noise.repeatability_deg) * rng.normal(size=T_actual.shape)
-        R_actual = rotations(turn) @ R_actual
+    R_actual, T_actual = revisited(*poses, spec.noise, rng)
     seen = scene.observations.keep(visit)
     R, T = seen.R_flange[0], seen.T_flange[0]
     if spec.to_hand:
@@ -291,8 +287,6 @@ def scan_from(
         exact = setup.target.meet(*planes).reshape(-1, 1, len(MEASURED[measured]))
         seen = list(exact + spec.noise.profile_mm * rng.normal(size=exact.shape))
     values = [rows[np.isfinite(rows).all(axis=1)] for rows in seen]
-    if measured == "profiles":  # a point is none
-        values = [rows if len(rows) > 1 else rows[:0] for rows in values]
     if not any(map(len, values)):
         raise ScanError(
             "from none of these poses is anything in the scanner's range: "

@@ -14,6 +14,7 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import Frames, inverse, rotations
 from profilecal.scan.motion import DELAY_MS, checked_log
 from profilecal.scan.toml import Count, Entries, number, one_of
+from profilecal.simulation.robot import revisited
 from profilecal.simulation.scene import STANDOFF, Setup, in_unit_ball
 
 PATTERNS = ("weave", "both ways", "random", "one way", "one way in the base")
@@ -231,11 +232,11 @@ def resting(
 
 def erring(R: ndarray, p: ndarray, noise: Noise, rng: Generator) -> Frames:
     """Poses with the errors that all share, and those of each: `robot.actual_poses` of
-    one group, whose orientations differ.
+    one group, whose orientations differ, and of one visit each.
     """
     shape = p.shape
     shift = noise.group_position_mm * rng.normal(size=3)
     shift = shift + noise.position_mm * rng.normal(size=shape)
     turn = noise.group_orientation_deg * rng.normal(size=3)
     turn = turn + noise.orientation_deg * rng.normal(size=shape)
-    return rotations(np.radians(turn)) @ R, p + shift
+    return revisited(rotations(np.radians(turn)) @ R, p + shift, noise, rng)

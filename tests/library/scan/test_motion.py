@@ -177,6 +177,8 @@ def test_mistakes_are_named(sentence, folder):
         ({"delay_ms": "30"}, "delay_ms is '30'; expected -200 to 200"),
         ({"delay_ms": np.nan}, "delay_ms is nan; expected -200 to 200"),
         ({"log": None}, "times without a log; expected both or neither"),
+        ({"times": None}, "a log without times; expected both or neither"),
+        ({"sweeps": ["a", " ", "b"]}, "2 of 3 sweeps have a name"),
     ],
 )
 def test_wrong_arrays_are_named(entries, sentence):
@@ -186,8 +188,10 @@ def test_wrong_arrays_are_named(entries, sentence):
 
 def test_numpys_numbers_and_names_are_written_as_others(tmp_path):
     made = pc.Scan.of("edge", **MOVED | {"delay_ms": np.int64(30)})
-    pc.write_scan(made, tmp_path / "scan")
-    assert_same(made, pc.read_scan(tmp_path / "scan"))
+    simulated, _ = pc.simulate("ball", radius=np.int64(20))
+    for scan in (made, simulated):
+        pc.write_scan(scan, tmp_path / scan.kind)
+        assert_same(scan, pc.read_scan(tmp_path / scan.kind))
 
 
 def test_a_log_has_times_though_the_robot_has_an_angle_t(tmp_path):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from simulated import scan_of
 
 import profilecal as pc
@@ -30,10 +31,24 @@ def test_a_copy_with_something_wrong_is_refused():
         "pose 'g1p1' has 5 rows of points; expected one": {
             "values": (np.ones((5, 2)),) * 12
         },
+        "no rows of points; expected what was seen": {
+            "values": (np.ones((0, 2)),) * 12
+        },
     }
     for sentence, entries in wrong_entries.items():
         with pytest.raises(pc.ScanError, match=sentence):
             replace(scan, **entries)
+
+
+def test_matrices_become_rotations_and_what_is_masked_is_missing():
+    scan = scan_of("edge", groups=4, positions=3)
+    T = scan.T_base_flange
+    T[:, :3, :3] *= 1.0004
+    points = np.ma.concatenate(scan.values)
+    points[3] = np.ma.masked
+    made = pc.Scan.of("edge", T, points=points)
+    assert_allclose(made.R_base_flange, scan.R_base_flange, atol=1e-12)
+    assert np.isnan(made.values[3]).all()
 
 
 def test_nothing_of_a_scan_is_written_to():

@@ -10,6 +10,7 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between, inverse, rotations
 from profilecal.simulation.robot import Robot, actual_poses
 from profilecal.simulation.spec import Spec, simulate_scan
+from profilecal.simulation.sweeps import Motion
 
 NOISELESS = Noise()
 
@@ -46,6 +47,14 @@ def test_pose_errors_have_their_sizes_and_groups_share_theirs():
         freedom = 3 * groups * (positions - 1)
         within = np.sqrt(((error - mean[:, None]) ** 2).sum() / freedom)
         assert within == pytest.approx(own, rel=4 / np.sqrt(2 * freedom))
+
+
+@pytest.mark.parametrize("error", ["repeatability_mm", "repeatability_deg"])
+@pytest.mark.parametrize("motion", [None, Motion(sweeps=2, profiles=5, stops=3)])
+def test_whenever_a_robot_comes_to_a_pose_it_errs_anew(error, motion):
+    erring, _ = points(Noise(**{error: 0.3}), motion=motion)
+    perfect, _ = points(motion=motion)
+    assert np.abs(erring - perfect).max(axis=1).min() > 0
 
 
 def test_an_arm_errs_alike_wherever_it_meets_a_pose_again():
