@@ -15,7 +15,6 @@ from profilecal.geometry.checks import FARTHEST_MM, REACH_MM
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import (
     CONVENTIONS,
-    Convention,
     find_convention,
     from_rotations,
     named,
@@ -191,11 +190,10 @@ def read_log(path: Path, scale: float) -> Entries:
     a Scan. Raises ScanError.
     """
     table = read_table(path, ("t", "x", "y", "z"))
-    t = table.numbers(("t",))[:, 0]
-    convention, _, rotations, positions = poses_in(table, scale, t)
+    way = poses_in(table, scale)
     with naming(path):
-        log = checked_log(t, rotations, positions)
-    return {"log": log, "convention": convention.name}
+        log = checked_log(table.column("t"), way["R_base_flange"], way["p_base_flange"])
+    return {"log": log, "convention": way["convention"]}
 
 
 def read_poses(path: Path, scale: float, side: float = 0.0) -> Entries:
@@ -211,8 +209,8 @@ def check_poses(table: Table, scale: float, side: float = 0.0) -> Entries:
     labels = table.labels()
     first, row = np.unique(labels, return_index=True, return_inverse=True)[1:]
     table.refuse(first[row] < np.arange(len(labels)), "pose {} is there twice", labels)
-    convention, block, rotations, positions = poses_in(table, scale, labels)
-    sides = table.numbers(("side",), blank=True)[:, 0]
+    poses = poses_in(table, scale)
+    sides = table.column("side", blank=True)
     sides[np.isnan(sides)] = side
     known = np.isin(sides, (-1, 0, 1))
     table.refuse(~known, "side is {:g}; expected 1 or -1", sides)
@@ -220,23 +218,17 @@ def check_poses(table: Table, scale: float, side: float = 0.0) -> Entries:
     given = bool(groups.any())
     blank = given & (groups == "")
     table.refuse(blank, "no group; expected one for each pose, or for none")
-    return {
+    return poses | {
         "labels": tuple(labels),
-        "R_base_flange": rotations,
-        "p_base_flange": positions,
         "side": sides,
         "group": groups if given else None,
         "group_given": given,
-        "convention": convention.name,
-        "orientation": block,
     }
 
 
-def poses_in(
-    table: Table, scale: float, labels: ndarray
-) -> tuple[Convention, ndarray, ndarray, ndarray]:
-    """The poses of a table's rows, which have such labels: the convention of their
-    orientations, its columns (P, k), rotations (P, 3, 3) and positions (P, 3) mm.
+def poses_in(table: Table, scale: float) -> Entries:
+    """Where the flange is by a table's rows, positions in units of `scale` mm: entries
+    of a Scan.
     """
     with np.errstate(over="ignore"):
         positions = table.numbers(("x", "y", "z")) * scale
@@ -245,15 +237,19 @@ def poses_in(
     farthest = reach.max()
     table.refuse(
         (reach == farthest) & ~(low <= farthest <= high),
-        "the farthest flange position, of pose {}, is {:.3g} mm from the base; "
-        f"expected a robot's size, {low:g} to {high:g} mm: are the units right?",
-        labels,
+        "the flange is {:.3g} mm from the base, farther than elsewhere; expected a "
+        f"robot's size, {low:g} to {high:g} mm: are the units right?",
         reach,
     )
     with naming(table.path):
         convention = find_convention(table.columns)
     block = table.numbers(convention.columns)
-    return convention, block, to_rotations(convention, block, table), positions
+    return {
+        "R_base_flange": to_rotations(convention, block, table),
+        "p_base_flange": positions,
+        "convention": convention.name,
+        "orientation": block,
+    }
 
 
 def read_measurements(
@@ -303,7 +299,7 @@ def moments(table: Table) -> tuple[ndarray, dict[str, tuple[str, float]]]:
     its sweep and time.
     """
     labels, sweeps = table.text("pose"), table.text("sweep")
-    times = table.numbers(("t",), blank=True)[:, 0]
+    times = table.column("t", blank=True)
     is_moving = np.isfinite(times) & (sweeps != "")
     table.refuse(
         is_moving == (labels != ""),

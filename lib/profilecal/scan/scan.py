@@ -343,7 +343,7 @@ class Scan:
             "labels": labels,
             "R_base_flange": R,
             "p_base_flange": of_all(self.p_base_flange, p),
-            "group": of_all(group, group.max(initial=-1) + 1 + number),
+            "group": of_all(group, P + number),  # fewer than P are at rest
             "orientation": None,
         }
 

@@ -211,7 +211,9 @@ class Table:
         """
         return np.column_stack([self.column(name, blank, largest) for name in names])
 
-    def column(self, name: str, blank: bool, largest: float) -> ndarray:
+    def column(
+        self, name: str, blank: bool = False, largest: float = np.inf
+    ) -> ndarray:
         """One column (rows,) as numbers; as `numbers` says."""
         cells = self.columns.get(name, [np.nan] * len(self.lines))
         title = f"column {name}" if name.isdigit() else name

@@ -10,9 +10,9 @@ what one may be, where its type does not say enough::
         sweeps: Count = 24
         lag_ms: float = 0.0
 
-`check_entries("spec.toml", said, Motion, "motion")` refuses what the table cannot say,
-and `made_of(Motion, said)` is the Motion that it says. A field without a default is
-needed; one annotated with a dataclass is a table of its own.
+`check_entries("spec.toml", said, Motion, "motion")` refuses what the table cannot say.
+A field without a default is needed; one annotated with a dataclass is a table of its
+own.
 """
 
 import json
@@ -131,16 +131,6 @@ def check_entries(
             )
         if is_table:
             check_entries(path, value, rule, name)
-
-
-def made_of(table: Any, entries: Mapping[str, Any]) -> Any:
-    """The dataclass that describes a table, with entries that have been checked."""
-    inner = {
-        name: made_of(rule, entries[name])
-        for name, rule in entries_of(table).items()
-        if is_dataclass(rule) and name in entries
-    }
-    return table(**{**entries, **inner})
 
 
 def read_toml(path: str | Path) -> Entries:

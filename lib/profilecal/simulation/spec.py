@@ -1,7 +1,7 @@
 """Synthetic scans: a specification in, a scan out, with the truth that made it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,7 +19,6 @@ from profilecal.scan.toml import (
     Entries,
     check_entries,
     entries_of,
-    made_of,
     number,
     one_of,
     whole,
@@ -189,12 +188,16 @@ def read_spec(
     }
     del known["sizes"]
     check_entries(path, entries, known | lengths)
+    usual = described()
     sizes = {name: entries.pop(name) for name in lengths if name in entries}
-    noise = asdict(USUAL_NOISE) | entries.get("noise", {})
-    scanner = {"noise_mm": noise["profile_mm"]} | entries.get("scanner", {})
-    entries |= {"noise": noise, "scanner": asdict(WIDE) | scanner, "sizes": sizes}
+    noise_mm = entries.get("noise", {}).get("profile_mm", usual.noise.profile_mm)
+    entries["scanner"] = {"noise_mm": noise_mm} | entries.get("scanner", {})
     with naming(path):
-        return made_of(described, entries)
+        for name, value in entries.items():
+            if isinstance(value, Mapping):
+                table, kind = getattr(usual, name), known[name]
+                entries[name] = replace(table, **value) if table else kind(**value)
+        return described(**entries, sizes=sizes)
 
 
 @naming("simulation")
@@ -230,7 +233,8 @@ def check_effects(spec: Spec) -> None:
     """Refuse errors that a robot may have and a simulation of this scan leaves out."""
     sizes = asdict(spec.noise) | asdict(spec.robot) | {"repeats": spec.repeats - 1}
     idle = ["accuracy_mm", "accuracy_deg"]
-    idle += ["joint_deg", "link_mm", "repeats"] if spec.motion else ["jitter_ms"]
+    if spec.motion:
+        idle += ["joint_deg", "link_mm", "repeats"]
     if not TARGETS[spec.kind].steered:
         idle.append("steering_mm")
     for name in idle:

@@ -142,15 +142,6 @@ def straight(setup: Setup, R: ndarray, T: ndarray, speed: float) -> list[Sweep]:
     return [*map(line, R_view[::2], T_view[::2], T_view[1::2])]
 
 
-@dataclass(frozen=True)
-class Driven:
-    """What a robot and a scanner record on one sweep, and where the flange was."""
-
-    log: tuple[ndarray, ndarray, ndarray]  # times (m,), s, and poses said
-    taken: ndarray  # (n,) s, when profiles were taken, by the scanner's clock
-    actual: Frames  # (n, 3, 3), (n, 3)
-
-
 def drive(
     setup: Setup,
     motion: Motion,
@@ -172,47 +163,57 @@ def drive(
         pose = setup.flange(R, p)
         return inverse(*pose) if to_hand else pose
 
-    def driven(sweep: Sweep, begin: float) -> Driven:
-        """On a sweep that begins at a time, s."""
-        middle, end = begin + sweep.seconds / 2, begin + sweep.seconds
-        t = np.arange(begin - BESIDE_S, end + BESIDE_S, 1 / motion.log_hz).round(6)
-        log = t, *flange(*sweep.at(t - middle))
-        shares = (np.arange(motion.profiles) + 0.5) / motion.profiles
-        taken = begin + shares * sweep.seconds
-        taken = taken[rng.uniform(0, 100, len(taken)) >= motion.dropped_percent]
-        way = flange(*sweep.behind(taken - middle, motion.lag_ms / 1000))
-        actual = erring(*way, noise, rng)
-        jitter = noise.jitter_ms / 1000 * rng.normal(size=len(taken))
-        return Driven(log, taken - motion.delay_ms / 1000 + jitter, actual)
-
     stops = [flange(*place) for place in resting(setup, motion, spread_deg, rng)]
-    at_stops = [erring(*stop, noise, rng) for stop in stops]
-    sweeps = planned or sweeps_of(setup, motion, spread_deg, rng)
-    every, begin = [], 1.0
-    for sweep in sweeps:
-        every.append(driven(sweep, begin))
+    actual = [erring(*stop, noise, rng) for stop in stops]
+    log, times, begin = [], [], 1.0
+    for sweep in planned or sweeps_of(setup, motion, spread_deg, rng):
+        middle = begin + sweep.seconds / 2
+        t, taken = moments(sweep, begin, motion, rng)
+        log.append((t, *flange(*sweep.at(t - middle))))
+        way = flange(*sweep.behind(taken - middle, motion.lag_ms / 1000))
+        actual.append(erring(*way, noise, rng))
+        jitter = noise.jitter_ms / 1000 * rng.normal(size=len(taken))
+        times.append(taken - motion.delay_ms / 1000 + jitter)
         begin = begin + sweep.seconds + BESIDE_S + PAUSE_S
-    actual = [*at_stops, *(one.actual for one in every)]
     R, p = map(np.concatenate, zip(*actual, strict=True))
-    return said_of(stops, every, motion.drift_ppm), (R, p)
+    return said_of(stops, log, times, motion.drift_ppm), (R, p)
 
 
-def said_of(stops: list[Frames], every: list[Driven], drift_ppm: float) -> Entries:
-    """The entries of a Scan, from the poses at stops, each (1, 3, 3), (1, 3), and what
-    each sweep gave.
+def moments(
+    sweep: Sweep, begin: float, motion: Motion, rng: Generator
+) -> tuple[ndarray, ndarray]:
+    """When the robot notes its pose (m,), s, and when the scanner takes profiles (n,),
+    s, by the robot's clock, on a sweep that begins at a time, s.
     """
-    t, R_log, p_log = map(np.concatenate, zip(*(one.log for one in every), strict=True))
-    clock = np.concatenate([np.full(len(stops), np.nan), *(one.taken for one in every)])
-    clock = clock - 1e-6 * drift_ppm * (clock - t.mean())
-    names = [[f"s{k + 1}"] * len(one.taken) for k, one in enumerate(every)]
+    end = begin + sweep.seconds
+    t = np.arange(begin - BESIDE_S, end + BESIDE_S, 1 / motion.log_hz).round(6)
+    shares = (np.arange(motion.profiles) + 0.5) / motion.profiles
+    taken = begin + shares * sweep.seconds
+    return t, taken[rng.uniform(0, 100, len(taken)) >= motion.dropped_percent]
+
+
+def said_of(
+    stops: list[Frames],
+    log: list[tuple[ndarray, ndarray, ndarray]],
+    times: list[ndarray],
+    drift_ppm: float,
+) -> Entries:
+    """The entries of a Scan, from the poses at stops, each (1, 3, 3), (1, 3), and of
+    each sweep the rows of the log and the times of profiles by the scanner's clock.
+    """
+    way = checked_log(*map(np.concatenate, zip(*log, strict=True)))
+    still = len(stops)
+    clock = np.concatenate([np.full(still, np.nan), *times])
+    clock = clock - 1e-6 * drift_ppm * (clock - way.t.mean())
+    names = [[f"s{k + 1}"] * len(taken) for k, taken in enumerate(times)]
     return {
-        "labels": [f"p{k + 1}" for k in range(len(stops))],
+        "labels": [f"p{k + 1}" for k in range(still)],
         "R_base_flange": np.reshape([R for R, _ in stops], (-1, 3, 3)),
         "p_base_flange": np.reshape([p for _, p in stops], (-1, 3)),
-        "group": np.arange(len(stops)),
-        "log": checked_log(t, R_log, p_log),
+        "group": np.arange(still),
+        "log": way,
         "times": clock.round(6),
-        "sweeps": tuple(sum(names, [""] * len(stops))),
+        "sweeps": tuple(sum(names, [""] * still)),
     }
 
 

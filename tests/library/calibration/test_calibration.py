@@ -100,7 +100,6 @@ def test_what_is_unknown_is_null_and_a_delay_at_rest_is_none():
 
 
 NOTHING = {  # by what there is of each measurement
-    "no row": lambda rows: rows[:0],
     "zeros": np.zeros_like,
     "a hole": lambda rows: rows * [1, np.nan],
 }

@@ -258,7 +258,7 @@ MISTAKES = {  # by what is said of each
     "line 4: no group; expected": poses(everywhere(group=[*"ab", *[None] * 10])),
     "poses.csv.*are the units": poses(in_metres("x", "y", "z")),
     "line 2: z is -32768; expected at most 10000: .*blank": arcs(everywhere(z=-32768)),
-    r"line 6: .* pose 'P4', is 2.5e\+04 mm": poses(
+    r"line 6: the flange is 2.5e\+04 mm": poses(
         lambda table: table.assign(x=25e3 * (table.index == 4))
     ),
 }
