@@ -38,7 +38,7 @@ def chords(runs: list[Run], radius: float, view: View) -> Iterator[Candidate]:
     """Straight runs no longer than the disk's diameter that end on both sides before a
     step or nothing.
     """
-    for run in facing(runs):
+    for run in whole_faces(facing(runs)):
         start, stop = run.reversed(), run
         before = step_beyond(start, view)
         after = step_beyond(stop, view)
@@ -53,3 +53,22 @@ def chords(runs: list[Run], radius: float, view: View) -> Iterator[Candidate]:
         own = covariance[[0, 1], [0, 1]]
         feature = Feature(tips, own, run.rows, "chord", between=covariance[0, 1])
         yield Candidate(feature, before or after, run.length, ends=tuple(ends))
+
+
+def whole_faces(runs: list[Run]) -> Iterator[Run]:
+    """Runs, and as one those that are on one line: a bolt's head or a hole is between
+    them.
+    """
+    for run in runs:
+        parts = [one for one in runs if are_one(run, one) and are_one(one, run)]
+        if len(parts) == 1:
+            yield run
+        elif run is parts[0]:
+            rows = np.concatenate([one.rows for one in parts])
+            yield Run.through(run.profile, rows, run.limit)
+
+
+def are_one(run: Run, other: Run) -> bool:
+    """Whether another run is on the line of this one."""
+    off = run.coordinates(other.points)[1]
+    return bool(np.abs(off).mean() < 2 * run.limit)

@@ -43,6 +43,16 @@ def test_a_bevel_is_no_side_wall(bevel_deg, wide):
             assert np.abs(np.abs(feature.points[:, 0]) - 25).max() < 0.5
 
 
+@pytest.mark.parametrize("above", [10, -20], ids=["bolt", "hole"])
+def test_what_parts_a_disk_is_not_its_end(above):
+    """Nor is it a smaller disk."""
+    profiles, tips = disks(default_rng(3), 40)
+    x = profiles[..., 0]
+    profiles[..., 1] -= above * ((3 < x) & (x < 7))
+    found = [feature.points for feature in features_of("disk", profiles)]
+    assert np.abs(np.array(found) - tips).max() < 0.5
+
+
 @pytest.mark.parametrize("tilt_deg", [20, 50])
 @pytest.mark.parametrize("width", [40.0, 160.0])
 def test_a_side_wall_is_a_step_however_fine_the_points(width, tilt_deg):
