@@ -8,7 +8,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from bench import row
+from bench import at_most
 
 import profilecal as pc
 
@@ -45,10 +45,9 @@ def measured(kind: str, **entries) -> tuple[float, float]:
 def within(limit_s: float, limit_mb: float, words: str, kind: str, **entries) -> dict:
     """A line that is to take at most so much CPU time and memory."""
     seconds, megabytes = measured(kind, **entries)
-    name = f"{words}, {megabytes:.0f} MB"
-    met = seconds <= limit_s and megabytes <= limit_mb
-    limits = f"{limit_s:g} s", limit_s, seconds / limit_s
-    return row(name, seconds, *limits, f"within it and {limit_mb:.0f} MB", met)
+    name = f"{words}, {megabytes:.0f} of {limit_mb:.0f} MB"
+    fits = megabytes <= limit_mb
+    return at_most(1, name, seconds, f"{limit_s:g} s", limit_s, fits)
 
 
 def rows() -> list[dict]:
@@ -60,10 +59,6 @@ def rows() -> list[dict]:
             seconds, megabytes = measured(kind, groups=10, positions=size)
             if before:
                 name = f"volume: 10 x {size} {words}, {megabytes:.0f} MB"
-                tenth, ratio = "a tenth as many", seconds / before
-                most = "≤ 12 times as long"
-                lines.append(
-                    row(name, seconds, tenth, before, ratio, most, ratio <= 12)
-                )
+                lines.append(at_most(12, name, seconds, "a tenth as many", before))
             before = seconds
     return lines

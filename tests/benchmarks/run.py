@@ -4,8 +4,7 @@ and writes results/bench.csv.
     python tests/benchmarks/run.py         all but bench_large.py, which takes minutes
     python tests/benchmarks/run.py disk    bench_disk.py; other rows of the table stay
 
-A benchmark offers `rows() -> list[dict]` with the keys of COLUMNS: our time and the
-reference's in seconds, their ratio, the target in words and whether it is met.
+A benchmark offers `rows() -> list[dict]`, as `bench.at_most` makes them.
 """
 
 import importlib
@@ -14,7 +13,6 @@ from pathlib import Path
 
 import pandas as pd
 
-COLUMNS = ["name", "ours_s", "reference", "reference_s", "ratio", "target", "met"]
 HERE = Path(__file__).parent
 OUTPUT = HERE.parents[1] / "results" / "bench.csv"
 
@@ -36,7 +34,7 @@ def find(names: list[str]) -> list[Path]:
 
 def write(rows: list[dict], output: Path) -> pd.DataFrame:
     """Write the rows; those of other names that an earlier run left are kept."""
-    frame = pd.DataFrame(rows, columns=COLUMNS)
+    frame = pd.DataFrame(rows)
     if output.exists():
         earlier = pd.read_csv(output)
         frame = pd.concat([earlier[~earlier["name"].isin(frame["name"])], frame])
