@@ -197,7 +197,7 @@ def checked(*sentences: str) -> None:
     text("> **Checked.**", *sentences)
 
 
-def share(hits: ArrayLike, digits: int = 2) -> str:
+def share(hits: ArrayLike) -> str:
     """How large a share of trials hit, with its 95 % interval, exact for any number of
     them, such as "0.83 [0.74, 0.90]".
     """
@@ -205,7 +205,7 @@ def share(hits: ArrayLike, digits: int = 2) -> str:
 
     hits = np.ravel(hits)
     low, high = binomtest(int(hits.sum()), len(hits)).proportion_ci()
-    return f"{hits.mean():.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+    return f"{hits.mean():.2f} [{low:.2f}, {high:.2f}]"
 
 
 def below(values: ArrayLike, limit: float) -> str:

@@ -98,15 +98,13 @@ def ball_study(
     m: ArrayLike,
     trials: int,
     rng: Generator,
-    *,
-    workers: int | None = None,
 ) -> dict[str, Study]:
     """The two-step ball method from simulated noisy arcs, for each sigma_mm (k,) of z
     and m (l,), by protocol.
 
     A trial draws max(m) arcs a pose and averages ball centres and flange positions of
     the first m, because the equations are linear in both. All sigma_mm and m share one
-    draw, so that curves over them are smooth. `workers`: see `in_chunks`.
+    draw, so that curves over them are smooth.
     """
     studies = {protocol: Study.blank(sigma_mm, m, trials) for protocol in PROTOCOLS}
     one_arc = studies[PROTOCOLS[0]]
@@ -129,7 +127,7 @@ def ball_study(
             total += scans.ball.centre_from_circle(fitted, side)
             q[:, :, pose, :, part][:, counts == k] = (total / k).mT[:, None]
 
-    in_chunks(run, (n,), trials, rng, workers)
+    in_chunks(run, (n,), trials, rng)
     T_tcp = np.stack([scans.positions(k).mean(axis=1) for k in counts])
     last, turning = scans.translating, slice(scans.translating, None)
     for i, j in np.ndindex(len(sigma_mm), len(m)):

@@ -108,7 +108,7 @@ def in_chunks(
     shape: tuple[int, ...],
     trials: int,
     rng: np.random.Generator,
-    workers: int | None,
+    workers: int | None = None,
 ) -> None:
     """Call run(setting, part, stream) for each setting, an index into `shape`, and each
     chunk of its trials, a slice.

@@ -80,8 +80,6 @@ def table(paper: str) -> pd.DataFrame:
     printed (text), decimals (to which the quantity is printed; none for a number that
     is zero by definition), unit, note, value, half_unit.
     """
-    if paper not in FILES:
-        raise ValueError(f"paper is {paper!r}; expected one of {', '.join(FILES)}")
     file = shipped("profilecal_papers", f"data/published/{FILES[paper]}")
     frame = pd.read_csv(file, dtype=str, keep_default_na=False)
     frame["value"] = frame["printed"].astype(float)
