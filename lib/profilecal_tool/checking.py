@@ -15,6 +15,7 @@ from profilecal.joint.smooth import shifting
 from profilecal.scan.scan import Scan
 from profilecal.targets.observations import Observations
 
+# a name and what it is; a line without a name stands for itself
 Lines = Iterable[tuple[str, str]]
 # of the speed: what one screw in the base and one in the flange leave of twists that
 # are no more than those

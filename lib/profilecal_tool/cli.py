@@ -23,7 +23,6 @@ from profilecal_tool.controllers import CONTROLLERS, for_controller
 # what cannot be read, the library says in one sentence
 PATH = click.Path(path_type=Path, readable=False)
 COUNT = IntRange(1)
-MOUNT = Choice(["eye-in-hand", "eye-to-hand"])
 ON_TERMINAL = {"disable": None, "leave": False}
 STOPPED = "profilecal.stopped"  # where a command says what it leaves if interrupted
 
@@ -161,33 +160,33 @@ def calibrate(folders, json, to, guess, guess_sd, self_test, report, cloud):
     if_stopped("Above is what was found until then.")
     notes = [*found.messages]
     try:
-        notes += further_notes(found, folders[0], self_test)
+        notes += further_notes(found, folders[0], self_test, guess)
     finally:
         found = replace(found, messages=tuple(notes))
-        print_answer(found, folders, json, to)
-    if report:
         guesses = {"guess": [*(guess or [])], "guess_sd": [*(guess_sd or [])]}
+        print_answer(found, folders, guesses, json, to)
+    if report:
         print_report(folders, report, guesses)
     if found.is_known:
         put_together(found, found.pose, cloud)
     raise SystemExit(0 if found.is_known else 3)
 
 
-def further_notes(found, folder, count):
+def further_notes(found, folder, count, guess):
     """What so many simulated scans do and, where an answer is weak, which poses would
-    help.
+    help; not beside a guess, of which `plan` would not know.
     """
     if count and found.is_known:
         with working("testing"):
             yield pc.self_test(found, count).sentence
-    if found.status == "weak":
+    if found.status == "weak" and not guess:
         from profilecal_tool.plan.task import next_poses
 
         with working("planning further poses"):
             yield from next_poses(found, folder)
 
 
-def print_answer(found, folders, json, to):
+def print_answer(found, folders, guesses, json, to):
     """Print what was found as JSON; or in words, with its pose for a controller and
     what to do next.
     """
@@ -202,7 +201,11 @@ def print_answer(found, folders, json, to):
         to_paste = for_controller(to, found.pose, found.frame)
     show(calibration_lines(found, to_paste))
     if found.status == "ok":
-        keep = f"profilecal calibrate {' '.join(map(str, folders))} --json > T.json"
+        words = [*folders]
+        for name, numbers in guesses.items():
+            if numbers:
+                words += [f"--{name.replace('_', '-')}", *numbers]
+        keep = f"profilecal calibrate {shlex.join(map(str, words))} --json > T.json"
         echo(f"next: {keep}, then profilecal verify or check-mount SCAN --with T.json")
         return
     if to:
@@ -253,7 +256,7 @@ def check(folder):
         lines = [*check(pc.read_scan(folder))]
     show(lines)
     first = "mind the notes, then " if "note" in dict(lines) else ""
-    echo(f"next: {first}profilecal calibrate {folder}")
+    echo(f"next: {first}profilecal calibrate {shlex.quote(str(folder))}")
 
 
 @main.command()
@@ -269,12 +272,14 @@ def verify(other, answer, cloud):
     from profilecal_tool.words import verification_lines
 
     with working("verifying"):
-        read = pc.read_answer if other.suffix == ".json" else pc.read_scan
+        is_answer = other.suffix == ".json"
+        if is_answer and cloud:
+            raise ValueError(f"--cloud is of a scan; expected a folder, not {other}")
+        read = pc.read_answer if is_answer else pc.read_scan
         other, answer = read(other), pc.read_answer(answer)
         checked = pc.verify(answer, other)
     show(verification_lines(checked, answer))
-    if read is pc.read_scan:
-        put_together(checked.other, answer.pose, cloud)
+    put_together(checked.other, answer.pose, cloud)
     end_as(checked)
 
 
@@ -315,11 +320,13 @@ def simulate(spec, folder, scan):
     from profilecal.simulation.spec import simulate_scan
     from profilecal_tool.plan.specification import read_specification
 
-    entries = read_toml(spec)
-    after = f"profilecal check {folder}, profilecal calibrate {folder}"
+    entries, place = read_toml(spec), shlex.quote(str(folder))
+    if "guess" in entries and "poses" not in entries:
+        raise ValueError(f"{spec} has [guess] but no poses: profilecal plan adds them")
+    after = f"profilecal check {place}, profilecal calibrate {place}"
     if scan:
         entries["scan"] = scan
-        after = f"profilecal check-mount {folder} --with T.json, or verify"
+        after = f"profilecal check-mount {place} --with T.json, or verify"
     pc.write_scan(simulate_scan(read_specification(entries, spec)), folder)
     echo(f"{folder}/ written; its truth is in truth.toml\nnext: {after}")
 
@@ -371,7 +378,11 @@ def plan(spec, folder, poses, until, within, of):
 @FOLDER
 @taking("--target", "KIND", "An edge, disk, ball, plane, rod or point.")
 @taking("--radius", "MM", "Of a disk, ball or rod.", float)
-@option("--mount", type=MOUNT, help="Where the scanner is.")
+@option(
+    "--mount",
+    type=Choice(["eye-in-hand", "eye-to-hand"]),
+    help="Where the scanner is.",
+)
 @taking("--poses", "FILES", "What holds the robot's poses.")
 @taking("--pose-columns", "NAMES", '"x [mm],y [mm],z [mm],w,p,r"; _ for others.')
 @taking("--tool", "X Y Z A B C", "Poses' tool: mm; angles as theirs or W P R.", float)
@@ -416,7 +427,8 @@ def import_(files, folder, **given):
         raise ValueError(f"{question}\nprofilecal import {line}") from None
     questions.write_imported(scan, folder, said, taken)
     show(taken.items())
-    echo(f"{folder}/ written; next: profilecal check {folder}")
+    place = shlex.quote(str(folder))
+    echo(f"{folder}/ written; next: profilecal check {place}")
 
 
 @main.command()
@@ -472,18 +484,19 @@ def sweep(notebook, grid, p, output, plot, hue, **options):
     if_stopped("The same command goes on from here.")
     path = Path(notebook)
     if not notebook.endswith(".ipynb"):
-        (path, *_) = notebooks.find([notebook])
+        path, *more = notebooks.find([notebook])
+        if more:
+            raise ValueError(f"{notebook} may be {path.stem} or {more[0].stem}")
     values = sweep.read_grid(grid, p)
     table, failed = sweep.sweep(path, values, output, **options)
     if plot:
         echo(f"Figure: {plot_columns(table, *plot, hue, output)}")
-    runs = output / "runs"
-    executed = {path.stem for path in runs.glob("*.ipynb")}
-    done = table["run"].nunique() - len(failed)
+    runs, count = output / "runs", table["run"].nunique()
+    done = count - len(failed)
     echo(f"Runs: {done} done, {len(failed)} failed: {output / 'table.csv'}")
-    if others := len(executed - {*table["run"]}):
+    if others := len([*runs.glob("*.ipynb")]) - count:
         echo(
-            f"Not in it: {others} runs of other grids, kept in {runs}; "
+            f"Not in it: {others} of other grids, kept in {runs}; "
             "the same command as then gathers them again"
         )
     end_with(failed, runs)

@@ -2,8 +2,6 @@
 the report are made.
 """
 
-from collections.abc import Iterable
-
 import numpy as np
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
@@ -24,9 +22,8 @@ from profilecal.geometry.observability import (
 from profilecal.joint.prior import FINEST_MM
 from profilecal.joint.solution import Solution
 from profilecal.scan.tables import listed
+from profilecal_tool.checking import Lines
 
-# a name and what it is; a line without a name stands for itself
-Lines = Iterable[tuple[str, str]]
 ABOUT = "about the sensor's x, y, z"
 
 
@@ -152,7 +149,8 @@ def verification_lines(checked: Verification, answer: Answer) -> Lines:
     elif other.status == "ok":
         yield "scan alone", "ok"
     else:
-        yield "scan alone", f"{other.status}: what it leaves open rests on the pose"
+        rests = "what it leaves open rests on the pose, its guess"
+        yield "scan alone", f"{other.status}: {rests}"
         yield from notes(other)
     difference = deviations(expected.covariance, checked.delta)
     yield "differs by", f"{difference} {ABOUT}"

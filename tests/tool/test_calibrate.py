@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -59,11 +60,28 @@ def test_poses_that_determine_nothing_are_unobservable_with_status_3_and_the_cur
         assert "add poses tilted" in run("check", tmp_path / "scan").output
 
 
+def guess_of(truth, off_mm=0):
+    """The options that state a guess."""
+    angles = Rotation.from_matrix(truth.pose[:3, :3]).as_euler("xyz", degrees=True)
+    return ["--guess", *(truth.pose[:3, 3] + off_mm), *angles, "--guess-sd"]
+
+
+def test_the_line_to_paste_has_the_guess_without_which_nothing_is_known(tmp_path):
+    scan, truth = pc.simulate(seed=2, spread_deg=0.0)
+    folder = tmp_path / "my scan"
+    pc.write_scan(scan, folder)
+    result = run("calibrate", folder, *guess_of(truth), 0.5, 0.2)
+    line = result.output.partition("next: profilecal ")[2].partition(" > T.json")[0]
+    assert json.loads(run(*shlex.split(line)).output)["status"] == "ok"
+    result = run("calibrate", folder, *guess_of(truth), 3, 2)
+    assert result.output.startswith("status         weak")
+    assert "profilecal plan" not in result.output  # which knows of no guess
+
+
 def test_a_guess_is_compared_and_a_controller_taken(tmp_path):
     scan, truth = pc.simulate(seed=2)
     pc.write_scan(scan, tmp_path / "scan")
-    angles = Rotation.from_matrix(truth.pose[:3, :3]).as_euler("xyz", degrees=True)
-    guess = ["--guess", *(truth.pose[:3, 3] + 10), *angles]
+    *guess, _ = guess_of(truth, 10)
     result = run("calibrate", tmp_path / "scan", *guess, "--to", "kuka")
     assert result.exit_code == 0
     lines = result.output.splitlines()

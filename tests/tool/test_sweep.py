@@ -279,6 +279,8 @@ def test_the_command_counts_names_draws_and_refuses_before_it_writes(tmp_path, c
     refused = run(*start, "-p", "m=1")
     sentence = "profilecal: no parameter named 'm'; there are n, x, seed\n"
     assert (refused.exit_code, refused.stderr) == (2, sentence)
+    refused = run("sweep", "5", *start[2:])
+    assert "5 may be 50_which_poses or 51_one_plan" in refused.stderr
     assert not out.exists()
 
     done = run(*start, "-p", "n=1,3", "--plot", "n", "y")
@@ -291,4 +293,4 @@ def test_the_command_counts_names_draws_and_refuses_before_it_writes(tmp_path, c
     smaller = run(*start, "-p", "n=1", "--plot", "n", "z")
     assert "no column named 'z'; there are n, y, u, status" in smaller.stderr
     smaller = run(*start, "-p", "n=1")
-    assert f"Not in it: 1 runs of other grids, kept in {out}/runs" in smaller.output
+    assert f"Not in it: 1 of other grids, kept in {out}/runs" in smaller.output

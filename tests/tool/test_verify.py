@@ -25,7 +25,10 @@ def test_two_answers_are_compared_and_what_they_share_is_said(tmp_path):
     for number in (1, 2):
         scan = scan_of("edge", seed=5, scan=number)
         pc.write_answer(pc.calibrate(scan), tmp_path / f"{number}.json")
-    result = run("verify", tmp_path / "2.json", "--with", tmp_path / "1.json")
+    command = "verify", tmp_path / "2.json", "--with", tmp_path / "1.json"
+    refused = run(*command, "--cloud", tmp_path / "cloud.ply")
+    assert "--cloud is of a scan; expected a folder" in refused.stderr
+    result = run(*command)
     assert result.exit_code == 0, result.output
     assert "other pose     ok" in result.output
     assert "of the edge if it is one: no difference shows them" in result.output

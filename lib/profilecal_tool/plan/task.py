@@ -1,5 +1,6 @@
 """From a specification or a scan to a plan, and its folder."""
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,7 +35,7 @@ class Task:
     stated: Mapping[str, float]  # of the errors
     # of the specification, without which there is nothing to simulate
     entries: Entries
-    motion: Motion | None = None
+    motion: Motion | None
 
     @property
     def count_given(self) -> bool:
@@ -125,19 +126,17 @@ def read_task(
     spec = read_specification(entries, place or path)
     rng = default_rng(spec.seed)
     if is_scan:
-        scan = read_scan(path)
-        if place and spec.kind != scan.kind:
-            raise ScanError(f"{place}: kind is {spec.kind}; expected {scan.kind}")
-        model = model_of_scan(calibrate(scan))
-        task = Task(model, rng, scan, scan.noise, entries)
+        source, motion = read_scan(path), None
+        if place and spec.kind != source.kind:
+            raise ScanError(f"{place}: kind is {spec.kind}; expected {source.kind}")
+        stated, model = source.noise, model_of_scan(calibrate(source))
     else:
-        stated = entries.get("noise", {})
+        source, motion, stated = spec, spec.motion, entries.get("noise", {})
         model = model_of_spec(spec, stated, rng)
-        task = Task(model, rng, spec, stated, entries, spec.motion)
     limits = spec.plan if place else model.limits
     if poses or until:
         limits = replace(limits, poses=poses or 0, until=until or limits.until)
-    return replace(task, model=replace(model, limits=limits))
+    return Task(replace(model, limits=limits), rng, source, stated, entries, motion)
 
 
 def next_poses(found: Calibration, folder: Path) -> list[str]:
@@ -154,5 +153,6 @@ def next_poses(found: Calibration, folder: Path) -> list[str]:
     if plan.predicted.status != "ok":
         return []
     count = len(plan.T)
-    command = f"profilecal plan {folder} NEW-FOLDER --poses {count}"
+    place = shlex.quote(str(folder))
+    command = f"profilecal plan {place} NEW-FOLDER --poses {count}"
     return [f"{count} poses more would give {worst(plan.predicted)}: {command}"]

@@ -1,5 +1,6 @@
 """Predictions and plans in words, as `profilecal plan` prints them."""
 
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -90,21 +91,21 @@ def worst(predicted: Prediction) -> str:
 def steps(plan: Plan, spec: Path, folder: Path | None) -> list[str]:
     """What to do with a plan of a specification or a scan, in a folder or in none."""
     if not folder:
-        return [f"next: profilecal plan {spec} NEW-FOLDER writes it"]
+        return ["next: the same command with a NEW-FOLDER writes it"]
     if worst(plan.predicted) == "open":
         return [f"{folder}/ written", "next: plan more poses, or larger turns"]
-    written = f"{folder}/ written; look at {folder / 'plan.png'}, drive "
+    written = f"{folder}/ written; look at {folder}/plan.png, drive {folder}"
+    known, new, poses = map(shlex.quote, map(str, (spec, folder, folder / "poses.csv")))
     if plan.speed:
         return [
-            f"{written}{folder / 'sweeps.csv'} at {plan.speed:g} mm/s, from each begin "
-            "to its end",
+            f"{written}/sweeps.csv at {plan.speed:g} mm/s, from each begin to its end",
             "next: put log.csv and the measurements with sweep and t beside it "
-            f"(data/README.md: In motion), then profilecal calibrate {folder}",
+            f"(data/README.md: In motion), then profilecal calibrate {new}",
         ]
-    target, is_scan, poses = plan.model.target, spec.is_dir(), folder / "poses.csv"
-    scans = f"{spec} {folder}, both at once" if is_scan else folder
+    target, is_scan = plan.model.target, spec.is_dir()
+    scans = f"{known} {new}, both at once" if is_scan else new
     lines = [
-        f"{written}{poses}",
+        f"{written}/poses.csv",
         f"next: put {target.tables[0]}.csv beside it (data/README.md has its columns), "
         f"then profilecal calibrate {scans}",
     ]
@@ -117,7 +118,7 @@ def steps(plan: Plan, spec: Path, folder: Path | None) -> list[str]:
         )
     if plan.is_first_step:
         lines.append(
-            f"and then: profilecal plan {folder} SECOND-FOLDER "
-            f"{'--until {:g} {:g}'.format(*plan.wanted_sd)} --within {spec}"
+            f"and then: profilecal plan {new} SECOND-FOLDER "
+            f"{'--until {:g} {:g}'.format(*plan.wanted_sd)} --within {known}"
         )
     return lines

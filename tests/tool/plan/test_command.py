@@ -86,16 +86,16 @@ def test_a_plan_says_what_to_do_with_it(tmp_path):
 
 
 def test_a_weak_scan_is_told_which_poses_would_help_and_given_them(tmp_path):
-    scan = tmp_path / "scan"
+    scan = tmp_path / "my scan"
     more = tmp_path / "more"
     pc.write_scan(scan_of("edge", **WEAK), scan)
     answer = run("calibrate", scan).output
     count, command = re.search(
         r"(\d+) poses more would give [\d.]+ mm and [\d.]+°: (.+)", answer
     ).groups()
-    assert command == f"profilecal plan {scan} NEW-FOLDER --poses {count}"
+    assert command == f"profilecal plan '{scan}' NEW-FOLDER --poses {count}"
     planned = run("plan", scan, more, "--poses", count)
-    together = f", then profilecal calibrate {scan} {more}, both at once\n"
+    together = f", then profilecal calibrate '{scan}' {more}, both at once\n"
     assert planned.output.endswith(together)
     assert len(pd.read_csv(more / "poses.csv")) == int(count)
     assert not (more / "simulate.toml").exists()
@@ -144,6 +144,8 @@ def test_poses_of_any_file_or_scan_are_predicted_or_refused_in_words(tmp_path):
     spec, plan, scan = (tmp_path / name for name in ("spec.toml", "plan", "scan"))
     planned = worst(run("plan", spec_in(tmp_path), plan).output)
     assert "already in use; name a new folder" in run("plan", spec, plan).output
+    refused = run("simulate", spec, scan).output
+    assert f"{spec} has [guess] but no poses: profilecal plan adds them" in refused
     assert run("simulate", plan / "simulate.toml", scan).exit_code == 0
     for place in (plan / "poses.csv", plan, scan):
         output = run("plan", spec, "--of", place).output
@@ -167,7 +169,7 @@ def test_an_accuracy_takes_as_many_poses_as_it_takes(tmp_path):
     at_most_nine = ("poses = 8", "most = 9\nuntil = [0.15, 0.1]")
     missed = run("plan", spec_in(tmp_path, at_most_nine)).output
     assert read_task(spec, poses=9).model.limits.until == [0.15, 0.1]
-    assert missed.endswith("NEW-FOLDER writes it\n")
+    assert missed.endswith("next: the same command with a NEW-FOLDER writes it\n")
     sentence = r"9 poses are not enough for 0.15 mm and 0.1°; (\d+) like these are"
     assert int(re.search(sentence, missed)[1]) > 9
 
