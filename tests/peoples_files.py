@@ -330,20 +330,13 @@ def archives(folder):
 
 
 def surfaces(folder):
-    """As Gocators have resampled profiles: z below the places along x."""
+    """As Gocators have resampled profiles: z below the places along x; German."""
     for k, (x, z) in enumerate(points.T for points in scan().values):
         rows, seen = np.arange(len(x)), np.isfinite(x)
-        titles = text(np.interp(rows, rows[seen], x[seen]))
-        z = text(z).replace("nan", "")
-        lines = [
-            "Part",
-            "FOV X,FOV Z,FOV Height",
-            "9,9,9",
-            f"Y\\X,{titles}",
-            f"0.0,{z}",
-            "End",
-            "",
-        ]
+        titles = text(np.interp(rows, rows[seen], x[seen]), ";")
+        lines = ["Part", "FOV X;FOV Z;FOV Height", "9;9;9", f"Y\\X;{titles}"]
+        lines += [f"0.0;{text(z, ';')}", "End", ""]
+        lines = [line.replace("nan", "").replace(".", ",") for line in lines]
         write_lines(folder / f"s{k}.csv", lines)
 
 
@@ -356,9 +349,11 @@ def numbered_columns(folder):
 
 
 def long_table(folder, name="scan_{:03d}"):
+    """Each label once, as spreadsheets have merged cells."""
     lines = ["pose,x,z"]
     for k, points in enumerate(scan().values):
-        lines += [f"{name.format(k)},{x:.15g},{z:.15g}" for x, z in points]
+        rows = [f",{x:.15g},{z:.15g}" for x, z in points]
+        lines += [name.format(k) + rows[0], *rows[1:]]
     write_lines(folder / "all.csv", lines)
 
 

@@ -8,22 +8,24 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from numpy import ndarray
 from pandas import DataFrame, Series
 
-from profilecal.scan.conventions import Convention
+from profilecal.scan.conventions import Convention, find_convention
 from profilecal.scan.tables import Table, cell_number
 from profilecal_tool.importing.makers import (
+    OF_POSES,
     ROLE_OF_TITLE,
     ROLES_OF_LIST,
     UNITS,
     WORDS,
-    convention_of,
+    XYZ,
+    conventions_in,
 )
 from profilecal_tool.importing.questions import one_or_ask
 
 LARGEST_POSE = 16  # numbers of a matrix; a list of more is a profile
-XYZ = tuple("xyz")
 KNOWN = "|".join(map(re.escape, sorted(UNITS, key=len, reverse=True)))
 IN_BRACKETS = re.compile(r"(.*?)[\s_,/]*[\[(]([^\])]*)[\])]")
 BEHIND = re.compile(rf"(.*?)(?:[\s_]+in)?[\s_,/]+({KNOWN})")  # A in Grad, x_mm
@@ -36,7 +38,7 @@ class Column(NamedTuple):
     at: int  # where it stands
     name: str  # its title without a unit; a number if it has none
     role: str = ""  # such as x, qw, label; "" for what is not known
-    owner: str = ""  # what its title names besides: such as tcp in tcp_x
+    owner: str = ""  # what its title names besides: such as tcp in tcp_x or x_tcp
     unit: str = ""  # that its title says
 
 
@@ -87,7 +89,7 @@ class Block:
     @property
     def convention(self) -> Convention:
         """Of the orientation of the pose that is chosen."""
-        return convention_of(self.chosen)
+        return find_convention(self.chosen)
 
     @property
     def labels(self) -> dict[str, list[str]]:
@@ -127,9 +129,9 @@ class Block:
         """Columns that are numbered behind one name, by the name; "" for none."""
         lists = defaultdict(list)
         for column in columns:
-            if is_number(self.titles[column.at]):
+            if np.isfinite(title_number(self.titles[column.at])):
                 lists[""].append(column)
-            elif not column.role and (match := NUMBERED.fullmatch(column.name)):
+            elif match := NUMBERED.fullmatch(column.name):
                 lists[match[1]].append(column)
         return lists
 
@@ -160,8 +162,8 @@ class Block:
 
     @cached_property
     def poses(self) -> dict[str, "Block"]:
-        """The pose of each row, under whose it is: a position, and angles of the same
-        owner, or else of one that has no position.
+        """The pose of each row, under what it is called: a position, and angles of the
+        same owner, or else of one that has no position; one for each convention.
         """
         if self.kind != "pose":
             return {}
@@ -169,14 +171,15 @@ class Block:
         for column in self.columns:
             owned[column.owner].setdefault(column.role, column)
         placed = {who: own for who, own in owned.items() if own.keys() >= {*XYZ}}
-        free = {c.role: c for c in self.columns if not c.owner or c.owner not in placed}
+        free = {c.role: c for c in self.columns if c.owner not in placed}
         for owner, own in placed.items():
-            columns = own if convention_of(own) else free | own
-            if convention := convention_of(columns):
-                name = f"{self.robot} {owner}".strip()
-                roles = (*XYZ, *convention.columns)
-                chosen = {role: columns[role] for role in roles}
-                poses[owner] = replace(self, called=name, chosen=chosen)
+            columns = free | own
+            turns = conventions_in(own) or conventions_in(columns)
+            for turn in turns:
+                names = [self.robot, owner, turn.name * (len(turns) > 1)]
+                called = " ".join(filter(None, names))
+                chosen = {role: columns[role] for role in (*XYZ, *turn.columns)}
+                poses[called] = replace(self, called=called, chosen=chosen)
         return poses
 
     @cached_property
@@ -245,16 +248,14 @@ def counted(count: int) -> list[str]:
     return [str(k + 1) for k in range(count)]
 
 
-def is_number(text: str) -> bool:
-    """Whether a number stands in place of a title."""
-    return abs(cell_number(text)) < float("inf")
+def title_number(title: str) -> float:
+    """The number that stands in place of a title, infinity for a word."""
+    return cell_number(title.replace(",", "."))
 
 
 def column_titled(at: int, title: str) -> Column:
     """What a title says by itself."""
     text, unit = title.strip().lower(), ""
-    if is_number(text):
-        return Column(at, text)
     if match := IN_BRACKETS.fullmatch(text) or BEHIND.fullmatch(text):
         text, unit = match.groups()
     words = re.sub(r"\W+", "_", text).strip("_").split("_")
@@ -262,4 +263,7 @@ def column_titled(at: int, title: str) -> Column:
     for k in range(len(words)):
         if role := ROLE_OF_TITLE.get("_".join(words[k:])):
             return Column(at, name, role, "_".join(words[:k]), unit)
+    role, _, owner = name.partition("_")
+    if role in OF_POSES and owner.isalpha():
+        return Column(at, name, role, owner, unit)
     return Column(at, name, unit=unit)

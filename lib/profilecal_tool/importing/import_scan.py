@@ -2,7 +2,6 @@
 
 import re
 from collections import ChainMap
-from dataclasses import replace
 from glob import glob
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from profilecal.scan.folder import NO_POSES, check_header, scan_of
 from profilecal.scan.motion import checked_log
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, listed, naming
-from profilecal_tool.importing.blocks import Block, Files, counted
+from profilecal_tool.importing.blocks import Block, Files, counted, label_of
 from profilecal_tool.importing.pair_profiles import Times, pair_profiles
 from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_ask
 from profilecal_tool.importing.read_file import (
@@ -102,17 +101,16 @@ def read_folder(
     of_poses, of_profiles = map(families.get, which_hold_what(folder, families, layout))
     files = ChainMap(*families.values())
     every = [block for blocks in files.values() for block in blocks]
-    check_where(folder, every, layout.where)
+    check_where(folder, every, layout)
     programs = {block.path for block in every if block.robot}
     unused = files.keys() - of_poses.keys() - of_profiles.keys() - programs
     taken["files left out"] = listed(sorted(path.name for path in unused)) or "none"
     poses = robot_poses(of_poses, layout)
     rows = len(poses.table)
-    is_one_table = of_poses is of_profiles and len(of_poses) == 1
-    stops = 0 if is_one_table else rows
-    profiles = read_profiles(of_profiles, stops, layout, taken)
+    is_both = of_poses is of_profiles
+    profiles = read_profiles(of_profiles, 0 if is_both else rows, layout, taken)
     counts = [*map(len, profiles)]
-    if is_one_table and sum(counts) == rows:  # the pose of each profile's first row
+    if is_both and sum(counts) == rows:  # the pose of each profile's first row
         poses = poses.rows_at(np.cumsum([0, *counts[:-1]]))
     return poses, profiles, every
 
@@ -126,7 +124,7 @@ def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
     said = [pattern for pattern in (layout.poses, layout.profiles) if pattern]
     paths = {path: name for name in said for path in files_matching(folder, name)}
     for path in sorted_files(folder, "**/*"):
-        if path not in paths and (len(said) == 2 or is_known(path)):
+        if path not in paths and is_known(path):
             paths[path] = re.sub(r"\d+", "*", str(path.relative_to(folder)))
     if not paths:
         raise ScanError(f"{folder}: no files; is the folder right?")
@@ -134,8 +132,7 @@ def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
     for path, name in watched([*paths.items()], "reading"):
         is_beside = len(said) == 2 and name not in said
         read = programs_in_file if is_beside else blocks_in_file
-        found = read(path, layout.encoding)
-        wanted = [with_rows_wanted(block, layout.where) for block in found]
+        wanted = [with_rows_wanted(own, layout) for own in read(path, layout.encoding)]
         blocks = [with_a_point_a_row(block, layout) for block in wanted]
         families.setdefault(name, {})[path] = blocks
     return families
@@ -156,25 +153,23 @@ def sorted_files(folder: Path, pattern: str) -> list[Path]:
     return sorted(paths, key=lambda p: re.sub(r"\d+", lambda d: d[0].zfill(20), str(p)))
 
 
-def with_rows_wanted(block: Block, where: str) -> Block:
+def with_rows_wanted(block: Block, layout: Layout) -> Block:
     """A block with the rows that are wanted, if it has the column."""
-    name, _, value = where.lower().partition("=")
-    if not name or value == "*":
-        return block
+    name, value = layout.wanted
     for column in block.others:
-        if name in (column.name, column.role):
-            cells = block.table[column.at].astype(str)
-            block = replace(block, table=block.table[cells.str.lower() == value])
+        if name in (column.name, column.role) and value not in ("", "*"):
+            texts = ((str(c), label_of(c)) for c in block.table[column.at])
+            block = block.rows_at([value in map(str.lower, own) for own in texts])
     return block
 
 
-def check_where(folder: Path, blocks: list[Block], where: str) -> None:
+def check_where(folder: Path, blocks: list[Block], layout: Layout) -> None:
     """Raise ScanError where rows are wanted by a column that no block has."""
     columns = [column for block in blocks for column in block.others]
     names = {name for column in columns for name in (column.name, column.role)}
-    if where and where.lower().partition("=")[0] not in {*names, "tool", "base"}:
+    if layout.wanted[0] not in {*names, "", "tool", "base"}:
         known = f"the columns are {listed(sorted(names - {''}))}"
-        raise ScanError(f"{folder}: no rows where {where}; {known}")
+        raise ScanError(f"{folder}: no rows where {layout.where}; {known}")
 
 
 def which_hold_what(
@@ -192,33 +187,36 @@ def which_hold_what(
     Raises ScanError; Question where several may.
     """
     first = {n: next(filter(None, own.values()), []) for n, own in families.items()}
-    # most files first
-    names = sorted(filter(first.get, first), key=lambda name: -len(families[name]))
-    posed = [layout.poses]
-    if not layout.poses:
-        free = [name for name in names if name != layout.profiles]
-        posed = [name for name in free if poses_in(first[name], layout.pose_columns)]
+    free = [n for n in first if first[n] and n not in (layout.poses, layout.profiles)]
+    free.sort(key=lambda name: -len(families[name]))  # most files first
+    posed = [n for n in free if poses_in(first[n], layout.pose_columns)]
     # what is neither poses nor points has no titles, and may be either
-    others = [name for name in names if name not in posed]
+    others = [n for n in free if n not in posed]
     # those of half as many files are something else, such as a reference
     most = [n for n in others if 2 * len(families[n]) > len(families[others[0]])]
-    seen = [name for name in most if points_of_file(first[name], layout)]
-    unclear = [name for name in others if name not in seen]
-    posed = posed or unclear[-1:]  # poses, of fewest files
-    pose = one_or_ask(folder, posed, "holds the poses", "poses")
-    seen = seen or [name for name in unclear if name != pose][:1]  # of most files
+    seen = [n for n in most if points_of_file(first[n], layout)]
+    unclear = [n for n in others if n not in seen]
+    posed = posed or unclear[-1:]  # of fewest files
+    pose = layout.poses or one_or_ask(folder, posed, "holds the poses", "poses")
+    seen = seen or [n for n in unclear if n != pose][:1]  # of most files
     if not seen and points_of_file(first[pose], layout):
         seen = [pose]
-    profile = layout.profiles or one_or_ask(
-        folder, seen, "holds the profiles", "profiles"
-    )
-    parts = poses_in(first[pose], layout.pose_columns)
-    parts += points_of_file(first[profile], layout)
+    profile = layout.profiles
+    profile = profile or one_or_ask(folder, seen, "holds the profiles", "profiles")
+    check_entry(folder, first[pose], first[profile], layout)
+    return pose, profile
+
+
+def check_entry(
+    folder: Path, of_poses: list[Block], of_profiles: list[Block], layout: Layout
+) -> None:
+    """Raise ScanError where neither poses nor profiles are called as the entry says."""
+    parts = poses_in(of_poses, layout.pose_columns)
+    parts += points_of_file(of_profiles, layout)
     called = {part.called for part in parts}
     if called and not any(layout.entry.lower() in name.lower() for name in called):
         known = f"the entries are {listed(sorted(called - {''}))}"
         raise ScanError(f"{folder}: no entry {layout.entry}; {known}")
-    return pose, profile
 
 
 def check_one_profile_a_pose(

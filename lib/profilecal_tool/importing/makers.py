@@ -4,12 +4,15 @@ import tomllib
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import log
 from pathlib import Path
 from typing import Any
 
 from profilecal.scan.conventions import CONVENTIONS, Convention
 from profilecal.scan.tables import ScanError, listed, naming
 
+XYZ = tuple("xyz")
+OF_POSES = {*XYZ, *(name for one in CONVENTIONS for name in one.columns)}
 PATH = Path(__file__).with_name("makers.toml")
 with naming(PATH):
     TABLE = tomllib.loads(PATH.read_text("utf-8"))
@@ -17,13 +20,13 @@ LENGTH_UNITS = TABLE["lengths"]
 ANGLE_UNITS = TABLE["angles"]
 TIME_UNITS = TABLE["times"]
 ENCODINGS = TABLE["encodings"]
-UNITS = LENGTH_UNITS | ANGLE_UNITS
+UNITS = LENGTH_UNITS | ANGLE_UNITS | TIME_UNITS
 UNIT_OF_CODE = {float(code): unit for code, unit in TABLE["nothing_seen"].items()}
 WORDS = {name: {*words.split()} for name, words in TABLE["words"].items()}
 ROLE_OF_TITLE = {}  # by title
 for role, words in TABLE["titles"].items():
     ROLE_OF_TITLE |= dict.fromkeys([role, *words.split()], role)
-ROLE_OF_TITLE |= {name: name for one in CONVENTIONS for name in one.columns}
+ROLE_OF_TITLE |= {name: name for name in OF_POSES}
 FOREIGN = {word for word in (*ROLE_OF_TITLE, *UNITS) if not word.isascii()}
 ROLES_OF_LIST = defaultdict(list)  # roles by a list's word and how many numbers it has
 for roles, words in TABLE["lists"].items():
@@ -42,14 +45,13 @@ class Robot:
     pose: Lines
     examples: Lines
     has: str = ""
-    remark: str = ""
+    remarks: Lines = ()
     tool: Lines = ()
     base: Lines = ()
     uses: Lines = ()
     moved: Lines = ()
     tools_in: str = "tool"
     unit: str = "mm"
-    angle: str = ""
 
 
 ROBOTS = {row["maker"]: Robot(**row) for row in TABLE["robot"]}
@@ -70,8 +72,13 @@ def scale_of(
     return among[unit], unit
 
 
-def convention_of(roles: Iterable[str]) -> Convention | None:
-    """The first convention that is all there."""
+def likely_unit(largest: float, likely_mm: float) -> str:
+    """The unit in which the largest of some lengths is most likely."""
+    times = likely_mm / largest
+    return min(LENGTH_UNITS, key=lambda unit: abs(log(LENGTH_UNITS[unit] / times)))
+
+
+def conventions_in(roles: Iterable[str]) -> list[Convention]:
+    """The conventions that are all there."""
     names = {*roles}
-    fitting = (one for one in CONVENTIONS if names.issuperset(one.columns))
-    return next(fitting, None)
+    return [one for one in CONVENTIONS if names.issuperset(one.columns)]

@@ -74,11 +74,11 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
         return
     for maker, robot in ROBOTS.items():
         rest = text
-        if robot.remark:
+        for remark in robot.remarks:
             # one text begins a remark, and a second one or the line ends it
-            begin, *end = map(re.escape, robot.remark.split())
+            begin, *end = map(re.escape, remark.split())
             ends = rf"{end[0]}|\Z" if end else "$"
-            rest = blanked(rf"(?ms){begin}.*?({ends})", text)
+            rest = blanked(rf"(?ms){begin}.*?({ends})", rest)
         every = ("base", "tool", "uses", "moved", "pose")
         kinds = every if robot.has in text else ("tool",)
         for kind in kinds:

@@ -58,6 +58,12 @@ class Layout:
     encoding: str = ""  # of text
     mount: str = Scan.mount
 
+    @property
+    def wanted(self) -> tuple[str, str]:
+        """The column of the rows that are wanted, and its value, in small letters."""
+        name, _, value = self.where.lower().partition("=")
+        return name, value
+
 
 def one_or_ask(place: Any, names: Sequence[str], what: str, option: str) -> str:
     """The one of some names. Raises ScanError for none, Question for several."""

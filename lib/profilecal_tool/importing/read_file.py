@@ -49,11 +49,9 @@ def blocks_in_file(path: Path, encoding: str) -> Iterable[Block]:
 
 
 def programs_in_file(path: Path, encoding: str) -> list[Block]:
-    """The blocks of a program; none in any other file, or in one that does not open."""
-    is_other = path.suffix.lower() in SHEETS | BINARY | NESTED
-    with suppress(OSError, ScanError):
-        if is_known(path) and not is_other:
-            return [*program_blocks(path, decoded_text(path, encoding))]
+    """The blocks of a program; none in any other file, or in one that is damaged."""
+    with suppress(ScanError):
+        return [own for own in blocks_in_file(path, encoding) if own.robot]
     return []
 
 

@@ -1,6 +1,6 @@
 """The robot's poses: their numbers as they stand, their units, and whose they are."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import zip_longest
 from os.path import commonpath
@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pandas import DataFrame, concat
+from pandas import DataFrame, concat, to_numeric
 
 from profilecal.scan.conventions import CONVENTIONS, named
 from profilecal.scan.folder import check_poses
 from profilecal.scan.tables import ScanError, Table, listed
 from profilecal_tool.importing.blocks import (
-    XYZ,
     Block,
     Column,
     Files,
@@ -25,8 +24,11 @@ from profilecal_tool.importing.blocks import (
 from profilecal_tool.importing.makers import (
     ANGLE_UNITS,
     LENGTH_UNITS,
+    OF_POSES,
     ROBOTS,
     WORDS,
+    XYZ,
+    likely_unit,
     scale_of,
 )
 from profilecal_tool.importing.questions import Layout, Question, Taken
@@ -34,10 +36,13 @@ from profilecal_tool.importing.read_file import names_of
 
 Entries = dict[str, Any]  # of a Scan
 FARTHEST_M = 20.0  # no robot reaches so far; a position in mm is farther somewhere
-HINT = "w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector; o,a,t; qw,qx,qy,qz"
-OF_POSES = {*XYZ, *(name for one in CONVENTIONS for name in one.columns)}
+NEAR_MM = 200.0  # few flanges stay so near: it may be cm or inches
+LIKELY_MM = 1000.0  # the farthest that a flange is, for a guess at a unit
+HINT = "w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector; "
+HINT += "alpha,beta,gamma: Stäubli; o,a,t; qw,qx,qy,qz"
 FANUC = named("FANUC angles").columns
-QUATERNION = ["qx", "qy", "qz", "qw"]  # in the order that most libraries have
+OF_ABB = named("quaternion").columns
+OF_LIBRARIES = ("qx", "qy", "qz", "qw")
 OF_ANGLES = {name for one in CONVENTIONS if one.sequence for name in one.columns}
 
 
@@ -77,10 +82,11 @@ def robot_poses(files: Files, layout: Layout) -> Block:
         raise ScanError(
             f"{first.path.parent}: {called} is called as the inverse: invert or rename"
         )
-    # a second y of the same owner: two columns are called alike
-    if first.chosen["y"].owner in [column.owner for column in first.having("y")]:
-        alike = "which of those called alike?"
-        raise question_on_columns(first, alike, first.columns)
+    # a second x or z may be a profile's
+    for column in first.having("y", *first.convention.columns):
+        if column.owner == first.chosen[column.role].owner:
+            alike = "which of those called alike?"
+            raise question_on_columns(first, alike, first.columns)
     for part in parts:
         if part.titles != first.titles:
             raise ScanError(
@@ -119,19 +125,21 @@ def question_on_columns(
     block: Block, sentence: str, columns: list[Column]
 ) -> ScanError:
     """What columns of poses are, by an answer that may be right: what is missing stands
-    in the columns of numbers that are not known, in the usual order. Of columns that
-    are called alike, the first is known; roles of angles are forgotten if need be.
+    in the columns of numbers that are not known, in the usual order. Two columns that
+    are called alike are not known; roles of angles are forgotten if need be.
     """
     sentence = f"{block.path}: columns {listed(block.titles)}; {sentence} ({HINT})"
-    numeric = block.table.select_dtypes("number")
+    numeric = block.table.apply(to_numeric, errors="coerce").dropna(axis=1, how="all")
     if block.path.is_dir():
         columns = columns[:-1]  # of several files; the last is ours
     posed = [c for c in columns if c.at in numeric and c.role in {"", *OF_POSES}]
+    quaternion = OF_ABB if "q1" in block.titles else OF_LIBRARIES
     # first keep all roles that are known; if the rest does not fit, only x, y, z
     for kept in (OF_POSES, XYZ):
-        known = {c.role: c.at for c in reversed(posed) if c.role in kept}
+        roles = [c.role for c in posed if c.role in kept]
+        known = {c.role: c.at for c in posed if roles.count(c.role) == 1}
         free = [c.at for c in posed if c.at not in known.values()]
-        wanted = missing_roles({*known}, len(free), "q1" in block.titles)
+        wanted = missing_roles({*known}, {*roles}, len(free), quaternion)
         if len(wanted) <= len(free):
             break
     else:  # neither fits: there is no answer to offer
@@ -149,25 +157,38 @@ def question_on_columns(
     return Question(sentence, pose_columns=",".join(titles))
 
 
-def missing_roles(known: set[str], free: int, is_abb: bool) -> list[str]:
-    """The roles of a pose beside those that are known, for so many columns; ABB's q1
-    is qw.
+def missing_roles(
+    known: set[str], begun: set[str], free: int, quaternion: Sequence[str]
+) -> list[str]:
+    """The roles of a pose beside those that are known, for so many columns: of the
+    convention that is begun, or else of this quaternion or FANUC's angles.
     """
     wanted = [axis for axis in XYZ if axis not in known]
-    begun = max(CONVENTIONS, key=lambda one: len(known.intersection(one.columns)))
-    turn = begun.columns
-    if known.isdisjoint(turn) and not is_abb:
-        turn = QUATERNION if free - len(wanted) == 4 else FANUC
+    turn = max(
+        (one.columns for one in CONVENTIONS), key=lambda own: len(begun & {*own})
+    )
+    if begun.isdisjoint(turn):
+        turn = quaternion if free - len(wanted) == 4 else FANUC
     return wanted + [name for name in turn if name not in known]
 
 
 def length_of(poses: Block) -> tuple[float, str]:
-    """The unit of positions, mm, and its name."""
+    """The unit of positions, mm, and its name. Raises Question where it may be cm or
+    inches.
+    """
+    units = poses.units("xyz")
     farthest = np.linalg.norm(poses.numbers_of("xyz"), axis=1).max()
     usual = "m" if farthest < FARTHEST_M else "mm"
     if poses.robot:
         usual = ROBOTS[poses.robot].unit
-    return scale_of(poses.path, poses.units("xyz"), usual, LENGTH_UNITS)
+    elif not units and FARTHEST_M <= farthest < NEAR_MM:
+        columns, unit = [*poses.columns], likely_unit(farthest, LIKELY_MM)
+        for place in poses.chosen.values():
+            if place.role in XYZ:
+                columns[place.at] = place._replace(unit=unit)
+        doubt = f"positions up to {farthest:.4g}; cm, in or mm?"
+        raise question_on_columns(poses, doubt, columns)
+    return scale_of(poses.path, units, usual, LENGTH_UNITS)
 
 
 def angle_of(poses: Block) -> tuple[float, str]:
@@ -175,13 +196,11 @@ def angle_of(poses: Block) -> tuple[float, str]:
 
     Raises Question where it may be another.
     """
-    turn, robot = poses.convention, ROBOTS.get(poses.robot)
+    turn = poses.convention
     if turn.name in ("quaternion", "matrix"):
         return 1.0, ""
     usual, units = "deg" if turn.sequence else "rad", poses.units(turn.columns)
-    if robot:
-        units = {robot.angle} - {""}
-    elif doubt := doubt_of_angles(poses, units):
+    if doubt := doubt_of_angles(poses, units):
         columns = [*poses.columns]
         if not turn.sequence:  # most often they are no vector
             for role, column in zip("xyzwpr", poses.chosen.values(), strict=True):
@@ -202,7 +221,8 @@ def doubt_of_angles(poses: Block, units: set[str]) -> str:
     if is_vector:
         length = np.linalg.norm(numbers, axis=1).max()
         found = f"a vector of {length:.4g} rad is longer than pi; are they w, p, r?"
-        return f"{found} (in deg: convert it to rad)" if length > np.pi else ""
+        is_none = length > np.pi and not poses.robot
+        return f"{found} (in deg: convert it to rad)" if is_none else ""
     largest = np.abs(numbers).max()
     is_small = largest <= 2 * np.pi
     return f"angles up to {largest:.4g}; which, rad or deg?" if is_small else ""

@@ -11,7 +11,7 @@ from numpy import ndarray
 from pandas import Series
 
 from profilecal.geometry.checks import FARTHEST_MM, READINGS_MM
-from profilecal.scan.tables import ScanError, cell_number, listed
+from profilecal.scan.tables import ScanError, listed
 from profilecal_tool.importing.blocks import (
     LARGEST_POSE,
     Block,
@@ -20,8 +20,14 @@ from profilecal_tool.importing.blocks import (
     column_titled,
     label_of,
     parts_called,
+    title_number,
 )
-from profilecal_tool.importing.makers import LENGTH_UNITS, UNIT_OF_CODE, scale_of
+from profilecal_tool.importing.makers import (
+    LENGTH_UNITS,
+    UNIT_OF_CODE,
+    likely_unit,
+    scale_of,
+)
 from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_ask
 from profilecal_tool.importing.read_file import BEGIN, decoded_text, names_of
 
@@ -62,7 +68,7 @@ def places_of(
     """
     if len(x) == len(z):
         return block.numbers(x, blank=True)
-    places = np.array([cell_number(block.titles[column.at]) for column in z])
+    places = np.array([title_number(block.titles[column.at]) for column in z])
     if np.isfinite(places).all() and not block.is_bare:
         return places
     start_and_pitch = layout.x
@@ -196,7 +202,7 @@ def profile_of_each_row(block: Block, stops: int) -> tuple[ndarray, list[str]]:
     if stops == 1:
         return np.zeros(rows, int), []
     for column in block.having("label", "time", "t", "nth"):
-        cells = block.table[column.at]
+        cells = block.table[column.at].ffill()  # a label may stand once for many rows
         profile, labels = pandas.factorize(cells, use_na_sentinel=False)
         is_of_points = column.role == "label" and len(labels) == rows != stops
         if (np.diff(profile) >= 0).all() and not is_of_points:
@@ -223,7 +229,7 @@ def check_one_section(block: Block, profile: ndarray, layout: Layout) -> None:
         cells = block.table[column.at]
         each = cells.groupby(profile).nunique()
         counts_points = is_label and (2 * each > np.bincount(profile)).any()
-        is_wanted = column in (x, z) or layout.where == f"{column.name}=*"
+        is_wanted = column in (x, z) or layout.wanted == (column.name, "*")
         if each.max() < 2 or counts_points or is_wanted:
             continue
         values = sorted(cells.dropna().unique())
@@ -231,7 +237,7 @@ def check_one_section(block: Block, profile: ndarray, layout: Layout) -> None:
         if is_y and block.table[x.at].nunique() < 2:
             answer = f"{block.title(column.at)},{block.title(z.at)}"
             raise Question(f"{sentence}, x always the same", columns=answer)
-        one = min(values, key=abs) if is_y else values[0]
+        one = label_of(min(values, key=abs) if is_y else values[0])
         hint = f" (all: --where '{column.name}=*')" if is_label else ""
         raise Question(f"{sentence} in one profile{hint}", where=f"{column.name}={one}")
 
@@ -243,7 +249,8 @@ def question_on_points(blocks: list[Block], said: str) -> Question:
     numeric = block.table.select_dtypes("number")
     varied = [str(at + 1) for at in numeric if numeric[at].nunique() > 1]
     sentence = f"no {listed(unknown) or 'x and z'} in columns {listed(block.titles)}"
-    return Question(f"{block.path}: {sentence}", columns=",".join(varied[-2:]))
+    row = f"a row is {listed(block.table.iloc[len(block.table) // 2])}"
+    return Question(f"{block.path}: {sentence}; {row}", columns=",".join(varied[-2:]))
 
 
 def in_mm(
@@ -278,26 +285,27 @@ def in_mm(
     if is_narrow or not READINGS_MM[0] <= largest <= FARTHEST_MM:
         sentence = f"{width:.4g} mm wide, up to {largest:.4g} mm away"
         hint = "the unit, or a code for nothing seen (--missing)?"
-        times = LIKELY_MM / largest * scale  # so many mm would be likely
-        likely = min(LENGTH_UNITS, key=lambda u: abs(np.log(LENGTH_UNITS[u] / times)))
+        likely = likely_unit(largest / scale, LIKELY_MM)
         raise Question(f"{path}: {sentence}; is it {hint}", unit=likely)
     return xz
 
 
 def check_codes(path: Path, xz: ndarray, layout: Layout) -> None:
-    """Raise Question where a height is farther from all other points than these are
-    from each other, and recurs or is very large: it may stand for nothing seen.
+    """Raise Question where a height may stand for nothing seen: it is farther from all
+    other points than these are from each other, and recurs, is very large or all
+    nines; or several points are 0, 0.
     """
     z = xz[:, 1]
-    for code in (z.min(), z.max()):
+    for code in (0.0, z.min(), z.max()):
         others = xz[z != code]
         count = len(z) - len(others)
-        if len(others) < 2 or (count < 2 and abs(code) < FARTHEST_MM):
-            continue
-        if np.abs(others[:, 1] - code).min() > np.ptp(others, axis=0).max():
-            found = (
-                f"{path}: z is {code:.12g} at {count} of {len(z)} points, far from all"
-            )
+        recurs = count > 1 or abs(code) >= FARTHEST_MM or {*f"{code:g}"} <= {*"-9."}
+        is_far = len(others) > 1 and (
+            np.abs(others[:, 1] - code).min() > np.ptp(others, axis=0).max()
+        )
+        is_origin = code == 0 and (xz == 0).all(axis=1).sum() > 1
+        if (recurs and is_far) or is_origin:
+            found = f"{path}: z is {code:.12g} at {count} of {len(z)} points"
             if layout.missing is not None:
                 raise ScanError(f"{found}: a second code? leave them blank")
             hint = "was nothing seen there? (else: --missing 1e9)"

@@ -39,7 +39,7 @@ def of_one_frame(
     for column in poses.having(which):
         uses += [("", label_of(cell)) for cell in poses.table[column.at]]
     uses = [(name, used.lower().partition("[")[0]) for name, used in uses if used]
-    option, _, said = layout.where.lower().partition("=")
+    option, said = layout.wanted
     if option == which:
         others = {name.lower() for name, used in uses if used != said}
         return without(poses, others), said
@@ -48,7 +48,7 @@ def of_one_frame(
     # what is offered first, of those used equally often: what a program's first move
     # has, or else the flange
     if not poses.robot:
-        names.sort(key=lambda name: name not in WORDS["no_frame"])
+        names.sort(key=lambda name: name not in WORDS[f"no_{which}"])
     if len(names) > 1:
         several = f"{poses.path}: moves have {which}s {listed(names)}"
         answer = f"{which}={max(names, key=used.count)}"
@@ -74,7 +74,7 @@ def of_one_tool(
     tool, words = None, "none; taken for the flange's poses"
     if layout.tool:
         tool, words = layout.tool, "the one given, taken off"
-    elif used not in WORDS["no_frame"]:
+    elif used not in WORDS["no_tool"]:
         maker = ROBOTS.get(poses.robot)
         kind = maker.tools_in if maker and used else "tool"
         tool = frame_of_tool(poses, program, used, kind)
@@ -82,7 +82,7 @@ def of_one_tool(
             words = f"{used or 'one'} at {[*tool[:3]]}, taken off"
         if kind == "pose":
             poses = without(poses, {used})
-    if base not in {"", *WORDS["no_frame"]}:
+    if base not in {"", *WORDS["no_base"]}:
         words += f"; in base {base}, not taken off"
     if program["moved"]:
         words += "; moves beside poses, such as offsets, are not read"

@@ -39,6 +39,7 @@ from peoples_files import (
     one_each,
     poses,
     scan,
+    text,
     tum,
     write_lines,
     write_table,
@@ -90,9 +91,6 @@ of_camera = listed("cam_x,cam_y,cam_z,cam_a,cam_b,cam_c")
 declared = functools.partial(abb, used=False)
 
 
-declared = functools.partial(abb, used=False)
-
-
 def log_with_stops(folder):
     """At 2 Hz, of a robot that stands still for two seconds of four."""
     rows = poses("quaternion")
@@ -101,7 +99,7 @@ def log_with_stops(folder):
     states[:, 4:] += np.arange(4)[:, None]
     times = 1.7e12 + 500 * np.arange(8 * len(rows))  # ms
     table = np.column_stack([times, states.reshape(-1, 7)])
-    write_table(folder / "robot_log.csv", "time [ms],x,y,z,qw,qx,qy,qz", table)
+    write_table(folder / "robot_log.csv", "time_ms,x,y,z,qw,qx,qy,qz", table)
 
 
 def named_by_the_clock(folder):
@@ -134,18 +132,30 @@ def in_rows(folder):
 def captures(of_points):
     for (position, turn), points in zip(people.samples(), scan().values, strict=True):
         pose = {"position": position, "orientation": turn}
-        yield {"robot": pose, "profile": {"points": of_points(points)}}
+        yield {"robot": pose, "profile": of_points(points)}
 
 
-def in_json(folder):
+def in_json(of_points):
     """A file for each pose, with its profile."""
-    for k, capture in enumerate(captures(np.ndarray.tolist)):
-        (folder / f"capture{k:02d}.json").write_text(json.dumps(capture))
+
+    def write(folder):
+        for k, capture in enumerate(captures(of_points)):
+            (folder / f"capture{k:02d}.json").write_text(json.dumps(capture))
+
+    return write
+
+
+def by_axes(points):
+    return dict(zip("xz", points.T.tolist(), strict=True))
 
 
 def in_one_json(folder):
     """A sample for each pose, with points by name."""
-    samples = captures(lambda points: [{"x": x, "z": z} for x, z in points])
+    samples = captures(
+        lambda points: {
+            "points": DataFrame(points, columns=["x", "z"]).to_dict("records")
+        }
+    )
     (folder / "samples.json").write_text(json.dumps([*samples]))
 
 
@@ -175,6 +185,21 @@ def a_file_each(folder):
         write_table(folder / f"pose{k}.csv", "x,y,z,w,p,r", [row])
 
 
+def angles_twice(names):
+    def write(folder):
+        rows = poses("KUKA angles")[:, [0, 1, 2, 3, 4, 5, 3, 4, 5]]
+        write_table(folder / "poses.csv", ",".join(["x", "y", "z", *names]), rows)
+
+    return write
+
+
+def xarm(folder):
+    """In radians, where degrees are usual."""
+    rows = poses("FANUC angles")
+    rows[:, 3:] = np.radians(rows[:, 3:])
+    write_lines(folder / "scan.py", [f"set_position({text(row)})" for row in rows])
+
+
 def two_arrays(folder):
     left = np.array(scan().values)
     np.savez(folder / "profiles.npz", left=left, right=left + 1)
@@ -194,7 +219,7 @@ of_quaternions = functools.partial(listed, convention="quaternion")
 GERMAN = "{};X in mm;Y in mm;Z [mm];A in Grad;B in Grad;C in Grad"
 SINCE_1970 = [f"17200312{k:02}141500000" for k in range(12)]  # ns
 BY_XP = [f"XP{k}" for k in range(12)]
-FAR_POINT = edited("scan_003.csv", "nan,nan", "1e6,1e6")
+far_point = functools.partial(edited, "scan_003.csv", "nan,nan")
 
 # what is in a folder, and what is said of it as it is read or asked about
 FOLDERS = {name: (write, "/ written") for name, write in POSES.items()}
@@ -202,7 +227,8 @@ FOLDERS |= {name: (tum, write, "/ written") for name, write in PROFILES.items()}
 FOLDERS |= {
     "a code": (tum, each(nothing="-1,-1"), "z is -1 at 12 of 240 points"),
     "zeros": (tum, each(nothing="0,0"), "0: 12 of 240 points"),
-    "a far point": (tum, one_each, FAR_POINT, "1000000 at 1 of 229"),
+    "a far point": (tum, one_each, far_point("1e6,1e6"), "1000000 at 1 of 229"),
+    "nines": (tum, one_each, far_point("1,9999"), "9999 at 1 of 229"),
     "one unit": (tum, each(titles="x,z [um]", scale=1e3), "do both have it"),
     "inches": (tum, each(scale=1 / 25.4), "mm wide, up to"),
     "whole numbers": (tum, each(scale=1e5), "(--missing)"),
@@ -213,6 +239,12 @@ FOLDERS |= {
     ),
     "called as in quaternions": (of_angles("X,Y,Z,Rot X,Rot Y,Rot Z"), "what are they"),
     "one title twice": (listed("X,X,Z,A,B,C"), "X, X, Z"),
+    "two depths": (listed("Breite,Tiefe,Höhe,a,b,c"), "what are they"),
+    "doubled angles": (angles_twice("abcabc"), "which of those called alike"),
+    "two conventions": (angles_twice("abcwpr"), "KUKA angles or FANUC angles"),
+    "in cm": (listed("x,y,z,a,b,c", scale=0.1), "up to 101.7; cm, in or mm"),
+    "of tcp": (listed("x_tcp,y_tcp,z_tcp,a_tcp,b_tcp,c_tcp"), "poses of tcp"),
+    "radians in a program": (xarm, "rad or deg"),
     "no titles": (of_angles("", scale=0.001, angle=np.pi / 180), "what are they"),
     "radians": (of_angles("x,y,z,w,p,r", angle=np.pi / 180), "rad or deg"),
     "radians in files": (a_file_each, "rad or deg"),
@@ -226,7 +258,7 @@ FOLDERS |= {
     "angles first": (angles_first, "longer than pi; are they w, p, r?"),
     "two arrays": (tum, two_arrays, "left_points_1,left_points_2 or right"),
     "two frames in turn": (transforms, "tools tool0, camera_link"),
-    "no columns": (tum, each(titles="", columns=("7",)), "no x and z"),
+    "no columns": (tum, each(titles="", columns=("7",)), "1, 2, 3; a row is 7.0, "),
     "frames": (
         tum,
         each(titles="frame,x,z", columns=("0", "1")),
@@ -234,8 +266,8 @@ FOLDERS |= {
     ),
     "two scanners": (
         tum,
-        each(titles="sensor,x,z", columns=("0", "1")),
-        "sensor is 0 to 1",
+        each(titles="sensor,x,z", columns=("0.0", "1.0")),
+        "sensor is 0.0 to 1.0",
     ),
     "along y": (
         tum,
@@ -323,7 +355,12 @@ FOLDERS |= {
         "in order",
     ),
     "rows": (in_rows, nothing, "in order"),
-    "JSON": (in_json, nothing, "by file and the names"),
+    "JSON": (
+        in_json(lambda points: {"points": points.tolist()}),
+        nothing,
+        "by file and the names",
+    ),
+    "JSON by axes": (in_json(by_axes), nothing, "by file and the names"),
     "a speed": (
         listed("speed,X,Y,Z,A,B,C", 12 * [100]),
         each("v100_{:02}.csv"),
@@ -535,13 +572,26 @@ SAID = {
         "z.csv line 6: column 1 is 'oops'",
     ),
     "rows": (tum, "--where", "y=0", "no rows where y=0; the columns are … x, z"),
-    "no rows": (tum, "--where", "x=7", "no profiles in rows where x=7"),
+    "no rows": (tum, "--where", "x=999", "no profiles in rows where x=999"),
     "too few": (tum, "--pose-columns", "x,y", "--pose-columns says x,y"),
     "one column": (tum, "--columns", "2,2", "x and z are one column"),
     "four columns": (tum, "--columns", "_,x,z,_", "expected two"),
     "column": (tum, "--columns", "x,Hoehe", "no Hoehe in columns x, z"),
     "entry": (tum, "--entry", "flnage", "no entry flnage; the entries are"),
     "entry of profiles": (of_camera, "--entry", "x,z", "poses are of cam"),
+    "zeros among points": (
+        tum,
+        each(nothing="0,0"),
+        edited("scan_003.csv", "0,0", "0,-20"),
+        "z is 0 at 11 of 240 points",
+    ),
+    "an inverse transform": (
+        transforms,
+        one_each,
+        edited("tf.yaml", "camera_link", "base_link", 12),
+        edited("tf.yaml", "tool0", "base_link", 12),
+        "poses are of tool base_link, of which 0 frames",
+    ),
     "a second code": (
         tum,
         each(nothing="9999,9999"),
@@ -740,6 +790,8 @@ def test_a_pattern_takes_a_whole_name_and_stands_in_its_own_line():
     assert table.index.tolist() == [3]
     remark = f"<!--\n{ROBOTS['Stäubli'].examples[0]}\n-->"
     assert not [*program_blocks(Path(), remark)]
+    pulses = "///PULSE\nC00000=1,2,3,4,5,6\n///RECTAN\n"
+    assert not [*program_blocks(Path(), pulses)]
 
 
 def test_the_readme_has_the_table():
