@@ -39,20 +39,24 @@ def of_large_errors(
         v[0] = scanner**2
         of_flange = normalised_square(model.own(v), model.Y[..., -1])
         of_rest = np.sum(model.rest[..., -1] ** 2, axis=1) / v[0]
-        kept = belonging(problem, model, of_flange, of_rest)
+        kept = belonging(problem, model, of_flange, of_rest, model.kept)
         if np.mean(~kept) <= MOST_MISTAKES:
             break
     return kept if model.counts[kept].sum() > problem.n else model.kept
 
 
 def still_belonging(
-    problem: Problem, model: LinearModel, posterior: Posterior, first: ndarray
+    problem: Problem,
+    model: LinearModel,
+    posterior: Posterior,
+    first: ndarray,
+    always: ndarray,
 ) -> ndarray:
     """The profiles (profiles,) that belong to what all others say. If more than
     LARGEST_REJECTED of all profiles are `first` ones that do not belong, or too few
     belong, the model is at fault, not the poses: then the `first` ones.
     """
-    after = belonging(problem, model, *chi2_left_out(model, posterior))
+    after = belonging(problem, model, *chi2_left_out(model, posterior), always)
     rejected = np.mean(first) - np.mean(after)
     too_few = model.counts[after].sum() <= problem.n
     return first if rejected > LARGEST_REJECTED or too_few else after
@@ -70,22 +74,28 @@ def chi2_left_out(model: LinearModel, posterior: Posterior) -> tuple[ndarray, nd
 
 
 def belonging(
-    problem: Problem, model: LinearModel, of_flange: ndarray, of_rest: ndarray
+    problem: Problem,
+    model: LinearModel,
+    of_flange: ndarray,
+    of_rest: ndarray,
+    always: ndarray,
 ) -> ndarray:
     """The profiles (profiles,) whose two χ² chance explains: that of the rows that
     speak of the flange, and that of the rest. If more than half of a group of three or
     more, of one target and orientation or sweep, are bad, the whole group is.
 
-    A profile left out so far had no part in estimating the sizes of errors, which the
-    others tell only roughly. The χ² of its rows that speak of the flange is therefore
-    `ranks` times a variable of F's law, of `ranks` and `freedom` degrees of freedom.
+    A profile left out has no part in estimating the sizes of errors, which the others
+    tell only roughly. The χ² of its rows that speak of the flange is therefore `ranks`
+    times a variable of F's law, of `ranks` and `freedom` degrees of freedom. That law
+    stays for all that are not `always` kept: by two limits in turn, a profile between
+    them would come and go for ever.
     """
     chance = FALSE_ALARM / 2 / len(of_rest)  # two tests of each
     ranks = np.maximum(model.ranks, 1)
     freedom = max(1, model.ranks[model.kept].sum() - problem.n)
     limit = chi2_limit(chance, ranks)
     limit_out = ranks * fdtri(ranks, freedom, 1 - chance)
-    bad = of_flange > np.where(model.kept, limit, limit_out)
+    bad = of_flange > np.where(always, limit, limit_out)
     rest = model.counts - model.ranks
     bad |= (rest > 0) & (of_rest > chi2_limit(chance, np.maximum(rest, 1)))
     group = problem.groups.group

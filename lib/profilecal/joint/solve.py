@@ -93,9 +93,11 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
         first = of_large_errors(problem, state, model, prior)
     model = model.keeping(first)
     likely = likeliest(model, law)
+    always = first  # profiles that no round left out
     for _ in range(ROUNDS):
         if robust:
-            after = still_belonging(problem, model, likely.posterior, first)
+            after = still_belonging(problem, model, likely.posterior, first, always)
+            always = always & after
         settled = (after == model.kept).all()
         settled &= leaves_little(problem, likely.posterior)
         if settled:
