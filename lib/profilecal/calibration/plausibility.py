@@ -64,7 +64,7 @@ class Finding:
 def systematic_tests(solution: Solution) -> list[Finding]:
     """What might be wrong everywhere, each by itself."""
     problem = solution.problem
-    tried = [*OF_SCANNER, *of_target(problem.targets), *robot_patterns(problem)]
+    tried = [*OF_SCANNER, *of_target(problem.observations), *robot_patterns(problem)]
     model, posterior = solution.model(tried)
     n, (normal,) = model.p - len(tried), posterior.normal
     with np.errstate(invalid="ignore", divide="ignore"):

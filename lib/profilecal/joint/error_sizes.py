@@ -383,7 +383,8 @@ def of_robots(
         start = np.zeros(len(law.scales))
         start[main.free] = likely.y
         own = likeliest(other, law, start[law.free])
-        if odds * np.exp(own.log_evidence - likely.log_evidence) < LITTLE_ODDS:
+        log_odds = np.log(odds) + own.log_evidence - likely.log_evidence
+        if log_odds < np.log(LITTLE_ODDS):
             continue
         log_weight, y, posterior = draw(other, law, own)
         weighed = Weighed(

@@ -30,7 +30,6 @@ from profilecal.geometry.noise import (
 )
 from profilecal.geometry.poses import pose_error
 from profilecal.targets.observations import Observations
-from profilecal.targets.target import Target
 
 # Scales of the prior where nothing is stated of the robot; the same at a pose and at an
 # orientation.
@@ -228,7 +227,8 @@ class Perturbation:
     points: Callable | None = None
     # of flange positions (P, 3) in the base: by how much they are wrong, mm
     positions: Callable = np.zeros_like
-    length: str = ""  # the name of a length of the target
+    # the name of a target's length, its mm, the target's kind and all of its lengths
+    length: tuple[str, float, str, tuple[float, ...]] | None = None
     # of times (P,) by the scanner's clock: by how much they are wrong, s
     clock: Callable | None = None
     # of one that is considered, and never another: answers in files know it by this
@@ -327,24 +327,36 @@ def of_clocks(observations: Sequence[Observations]) -> dict[Perturbation, float]
     return {DELAY: sd_s, growing: CLOCK_DRIFT}
 
 
-def of_target(targets: Sequence[type[Target]]) -> list[Perturbation]:
-    """The targets' errors: wrong lengths, each once."""
-    names = dict.fromkeys(name for target in targets for name in target.lengths)
-    words = "the {} was too {{}} by {{}} mm"
-    prior = "tolerance_mm"
-    return [
-        Perturbation(words.format(name), 1, prior=prior, length=name, name=name)
-        for name in names
+def of_target(observations: Sequence[Observations]) -> list[Perturbation]:
+    """The targets' errors: wrong lengths. Targets of one kind and of the same lengths
+    are taken for one that several scans saw; each other target is wrong by itself.
+    """
+    known = {(seen.kind, seen.sizes): seen.target.lengths for seen in observations}
+    lengths = [
+        (name, mm, kind, sizes)
+        for (kind, sizes), names in known.items()
+        for name, mm in zip(names, sizes, strict=True)
     ]
+    several = len({length[2:] for length in lengths}) > 1
+    errors = []
+    for length in lengths:
+        name, mm, kind, sizes = length
+        which = f"{kind}'s {name} of {mm:g} mm" if several else name
+        words = f"the {which} was too {{}} by {{}} mm"
+        own = f"{name} of {kind} {sizes}"
+        errors.append(
+            Perturbation(words, 1, prior="tolerance_mm", length=length, name=own)
+        )
+    return errors
 
 
 def considered(
-    targets: Sequence[type[Target]], prior: Systematic
+    observations: Sequence[Observations], prior: Systematic
 ) -> dict[Perturbation, float]:
     """The systematic errors that may be, and how large each may be, a standard
     deviation in its own unit; without those of size 0.
     """
-    errors = [*OF_SCANNER, *of_target(targets)]
+    errors = [*OF_SCANNER, *of_target(observations)]
     sizes = {error: getattr(prior, error.prior) / error.unit for error in errors}
     return {error: size for error, size in sizes.items() if size}
 
@@ -368,6 +380,9 @@ def prior_from(stated: dict[str, float], features_mm: float = 0.0) -> Prior:
     """
     names = (*ESTIMATED, "accuracy_deg")
     robot = {name: stated.get(name, getattr(USUAL, name)) for name in names}
+    # smooth errors of both kinds are counted in mm: those of orientations alone need
+    # some
+    robot[SMOOTH] = robot[SMOOTH] or FINEST_MM * stated.get("accuracy_deg", 0.0)
     errors = {name: stated.get(name, usual) for name, usual in vars(TYPICAL).items()}
     given_mm = stated.get("profile_mm", 0.0)
     scales = Noise(

@@ -84,7 +84,7 @@ class Problem:
         self.terms = [Residuals(seen, noise, in_space) for seen in self.observations]
         self.targets = [seen.target for seen in self.observations]
         self.systematic = systematic or Systematic()
-        may_be_poor = considered(self.targets, self.systematic)
+        may_be_poor = considered(self.observations, self.systematic)
         self.considered = may_be_poor | of_clocks(self.observations)
         # what one would know of each unknown (n,) by hand, mm and rad
         self.units = units_by_hand(self.targets)

@@ -254,10 +254,14 @@ class Residuals:
             circles = fit_circle(self.seen.transpose(1, 3, 2, 0))
         return np.moveaxis(circles, -1, 0)[:, :, None]
 
-    def by_length(self, name: str, state: State, placement: tuple) -> ndarray:
-        """The derivative (1, K, P) by one of the target's lengths, by differences."""
+    def by_length(self, length: tuple, state: State, placement: tuple) -> ndarray:
+        """The derivative (1, K, P) by a length of a target, by differences; zero if
+        that is another target.
+        """
         h = 1e-4  # mm
-        step = h * (np.array(self.target.lengths) == name)
+        own = zip(self.target.lengths, self.sizes, strict=True)
+        target = self.observed.kind, self.sizes
+        step = h * np.array([(*one, *target) == length for one in own])
         longer, shorter = (
             self.linearise(state, placement, by)[:, -1] for by in (step, -step)
         )

@@ -21,6 +21,7 @@ from profilecal.joint.error_sizes import (
     draw,
     growth,
     likeliest,
+    of_robots,
 )
 from profilecal.joint.prior import (
     USUAL,
@@ -49,8 +50,12 @@ def averaged(model, prior=PRIOR):
     return average(model, prior, likeliest(model, law))
 
 
-def test_errors_are_as_usual_where_nothing_is_stated():
+@pytest.mark.parametrize(("stated_deg", "count"), [(0.0, 0), (0.1, 1)])
+def test_errors_are_as_usual_where_nothing_is_stated(stated_deg, count):
+    """Smooth ones are there also if they are of orientations alone."""
     assert prior_from({}).scales == replace(USUAL, profile_mm=1.0)
+    prior = prior_from({"accuracy_mm": 0.0, "accuracy_deg": stated_deg})
+    assert len(prior.names([])) == count
 
 
 def test_the_likeliest_sizes_are_those_that_scipy_finds(monkeypatch):
@@ -131,6 +136,9 @@ def test_where_less_is_stated_than_is_usual_the_usual_is_as_likely():
     by_none = np.diag(averaged(model).covariance)[:6]
     by_small = np.diag(averaged(model, stated(1e-4)).covariance)[:6]
     assert np.mean(np.log(np.sqrt(by_small / by_none))) > np.log(0.9)
+    law = stated(1e-4).law(model.names)
+    unlikely = replace(likeliest(model, law), log_evidence=-1e4)
+    assert len([*of_robots(model, stated(1e-4), law, unlikely)]) == 2
 
 
 @pytest.mark.parametrize(("stated", "freedom"), [((), 3), (("position_mm",), 1)])

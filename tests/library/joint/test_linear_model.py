@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from many_scenes import KINDS, SIGMA
 from numpy.random import default_rng
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal
 
 from profilecal.calibration.plausibility import robot_patterns
@@ -251,7 +251,7 @@ def erring(seen, error, h: float):
     """
     if error.length:
         sizes = np.array(seen.sizes)
-        sizes[seen.target.lengths.index(error.length)] += h
+        sizes[seen.target.lengths.index(error.length[0])] += h
         return replace(seen, sizes=tuple(sizes))
     if error.points:
         x, z = np.moveaxis(seen.points, -1, 0)
@@ -310,7 +310,7 @@ def test_derivatives_by_all_that_may_be_wrong_are_those_of_differences(
     seen = replace(scene.observations, eye_to_hand=eye_to_hand)
     truth = scene.truth
     problem = Problem([seen], Noise(SIGMA))
-    tried = [*OF_SCANNER, *of_target([seen.target]), *robot_patterns(problem)]
+    tried = [*OF_SCANNER, *of_target([seen]), *robot_patterns(problem)]
     ((columns,),) = problem.columns_in_mm(truth, tried)
     for column, error in zip(columns[problem.n :], tried, strict=False):
         assert_derivative(column, partial(erring, seen, error), truth)
@@ -340,3 +340,17 @@ def test_derivatives_are_those_where_the_state_has_the_points():
     )
     differ = np.abs(noisy - exact).max(axis=(0, 2, 3)) > 1e-6
     assert np.flatnonzero(differ) == noisy.shape[1] - 7  # the residual alone
+
+
+def test_a_length_of_one_target_is_not_that_of_another():
+    """But several scans of one target have one error of it."""
+    rng = default_rng(10)
+    scenes = [random_scene(kind, rng) for kind in ("ball", "rod", "rod")]
+    seen = [scene.observations for scene in scenes]
+    problem, truth = Problem(seen, Noise(SIGMA)), scenes[0].truth
+    state = problem.place(truth.rotation, truth.translation)
+    errors = of_target(seen)
+    columns = problem.columns_in_mm(state, errors)
+    by_error = [z[0, problem.n : -7].any(axis=(1, 2)) for z in columns]
+    assert_array_equal(by_error, np.eye(2)[[0, 1, 1]])
+    assert len({error.words for error in errors}) == 2
