@@ -134,12 +134,15 @@ def believed(
     starts = [(mount.rotation, mount.translation)] if mount else []
     alone = solve(observed, replace(prior, mount=None), starts=starts)
     solution, objections = plausibility.check(alone)
+    others = contradiction(solution, mount)
     if mount and solution.status != "ok":
         both, against = plausibility.check(solve(observed, prior, starts=starts))
         if not (against or contradiction(both, mount)):
             messages = (*rests_on(both, mount), *both.messages)
-            solution, objections = replace(both, messages=messages), []
-    others = [*contradiction(solution, mount), *other_sides(scans, seen, solution)]
+            solution, objections, others = replace(both, messages=messages), [], []
+    others += other_sides(scans, seen, solution)
+    if scans[1:]:
+        others += plausibility.between_scans(solution, prefixes(scans))
     if others and solution.status == "ok":
         solution = replace(solution, status="weak")
     return solution, others + objections

@@ -84,7 +84,7 @@ class MountCheck:
             says = self.moves.of(part)
             told = np.linalg.eigvalsh(says.information) > 1
             free = self.count - int(np.count_nonzero(told))
-            chances[what] = self.chance_of(says.left(), free)
+            chances[what] = self.chance_of(self.chi2 - says.explained, free)
         return chances
 
     @property

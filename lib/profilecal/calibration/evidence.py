@@ -12,8 +12,9 @@ x is integrated out (a Schur complement):
     [I  g ]
     [gᵀ χ²] = N_bb - N_bA (N_AA + Π)⁻¹ N_Ab,  b = (B, r)
 
-Two questions are asked so: what may be wrong at all poses (`plausibility`), and
-whether a later scan is as predicted (`check_mount`).
+Three questions are asked so: what may be wrong at all poses, whether the sensor has
+moved between scans (both `plausibility`), and whether a later scan is as predicted
+(`check_mount`).
 """
 
 from dataclasses import dataclass, replace
@@ -43,12 +44,16 @@ class Evidence:
         information = np.diag(self.information)
         return np.array([-self.slope / information, information**-0.5])
 
-    def left(self) -> float:
-        """The χ² that is left where all steps may be made, each with a standard
-        deviation of 1 beforehand.
-        """
+    @property
+    def likeliest(self) -> ndarray:
+        """The steps (k,), if each has a standard deviation of 1 beforehand."""
         known = self.information + np.eye(len(self.slope))
-        return float(self.chi2 - self.slope @ np.linalg.solve(known, self.slope))
+        return -np.linalg.solve(known, self.slope)
+
+    @property
+    def explained(self) -> float:
+        """By how much these make χ² smaller."""
+        return float(-self.slope @ self.likeliest)
 
 
 def evidence(normal: ndarray, precision: ndarray, steps: ndarray | slice) -> Evidence:

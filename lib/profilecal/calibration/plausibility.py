@@ -6,17 +6,24 @@ unknown, tested by Rao's score. Contradictions, many rejected poses and a misfit
 than noise speak against a solution too.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import compress
 
 import numpy as np
 from numpy import ndarray
-from scipy.special import ndtri
+from scipy.linalg import block_diag
+from scipy.special import fdtri, ndtri
 
-from profilecal.calibration.evidence import evidence
+from profilecal.calibration.evidence import Evidence, evidence
 from profilecal.geometry.noise import FALSE_ALARM, normalised_square
-from profilecal.geometry.observability import WEAK, brief, of_covariance
+from profilecal.geometry.observability import (
+    HAND_PRECISION,
+    WEAK,
+    brief,
+    of_covariance,
+)
 from profilecal.joint.first_fit import largest_error_mm
 from profilecal.joint.prior import OF_SCANNER, Perturbation, of_target
 from profilecal.joint.problem import Problem
@@ -81,6 +88,50 @@ def systematic_tests(solution: Solution) -> list[Finding]:
     ]
 
 
+def moves_by_scan(solution: Solution) -> list[Evidence]:
+    """What the residuals say of a sensor pose of each scan's own, in units of how well
+    one would know it by hand; nothing if there is one scan.
+    """
+    model, _ = solution.model()
+    count = len(solution.kept)
+    of_scan = np.repeat(np.eye(count), [*map(len, solution.kept)], axis=0)
+
+    def widened(rows: ndarray) -> ndarray:
+        """[A | B | r] of [A | r]; B has the columns of the sensor, scan by scan."""
+        B = rows[..., None, :6] * HAND_PRECISION * of_scan[:, None, :, None]
+        return np.insert(rows, [model.p], B.reshape(*rows.shape[:2], -1), axis=2)
+
+    wide = replace(
+        model,
+        Y=widened(model.Y),
+        rest=widened(model.rest),
+        precision=block_diag(model.precision, np.eye(6 * count)),
+        of_mount=0.0,
+    )
+    (normal,) = wide.posterior(solution.error_sizes.median_v[None]).normal
+    says = evidence(normal, model.precision, slice(model.p, None))
+    return [says.of(slice(6 * k, 6 * k + 6)) for k in range(count)]
+
+
+def between_scans(solution: Solution, names: Sequence[str]) -> list[str]:
+    """A sentence on the scan whose sensor pose is most clearly another one than that of
+    all others, if there is one. `names` are put before it.
+    """
+    says = moves_by_scan(solution)
+    k = int(np.argmax([one.explained for one in says]))
+    chance = 1 - FALSE_ALARM / len(says)
+    limit = 6 * fdtri(6, solution.error_sizes.freedom, chance)
+    if says[k].explained < limit:
+        return []
+    step = says[k].likeliest * HAND_PRECISION
+    shift, turn = np.linalg.norm(step.reshape(2, 3), axis=1)
+    return [
+        f"{names[k]}the sensor is {brief(shift)} mm and {brief(np.degrees(turn))}° "
+        "from where the other scans have it, as if it had moved between them; "
+        "calibrate them one by one"
+    ]
+
+
 def robot_patterns(problem: Problem) -> list[Perturbation]:
     """Scales of the positions, drifts.
 
@@ -124,6 +175,8 @@ def check(solution: Solution) -> tuple[Solution, list[str]]:
     sentences on what in them speaks against it, which more poses would not mend.
     """
     objections, are_large = contradictions(solution)
+    if objections:  # what poses to add, as the solution says, does not mend them
+        solution = replace(solution, messages=())
     if are_large:
         solution = replace(solution, status="unobservable")
     if solution.status == "unobservable":
@@ -139,8 +192,6 @@ def check(solution: Solution) -> tuple[Solution, list[str]]:
         solution = replace(solution, status="weak")
     if guilty:
         objections.append(accusation(guilty))
-    if objections:  # what poses to add, as the solution says, does not mend them
-        solution = replace(solution, messages=())
     checked = replace(solution, covariance=enlarged, observability=observability)
     return checked, objections
 
@@ -163,10 +214,12 @@ def contradictions(solution: Solution) -> tuple[list[str], bool]:
             f"the data contradict each other by {brief(error_mm)} mm, "
             f"more than a robot errs; {ADVICE}"
         )
-    rejected = np.concatenate(solution.rejected)
-    if rejected.mean() > LARGEST_REJECTED:
-        counts = f"{rejected.sum()} of {len(rejected)}"
-        messages.append(f"{counts} poses contradict the others; {ADVICE}")
+    for seen, rejected in zip(
+        solution.problem.observations, solution.rejected, strict=True
+    ):
+        if rejected.mean() > LARGEST_REJECTED:
+            counts = f"the {seen.kind}: {rejected.sum()} of {len(rejected)}"
+            messages.append(f"{counts} poses contradict the others; {ADVICE}")
     return messages, are_large
 
 
