@@ -197,6 +197,11 @@ def verdict_on(checked: Verification) -> str:
             "more is wrong than the stated uncertainties explain: "
             "the scanner has moved, or robot, target or calibration err"
         )
+    if checked.is_misread:
+        return (
+            "no contradiction, but this scan contradicts itself: it does not verify "
+            "the pose; do what the notes say"
+        )
     if not checked.is_conclusive:
         return (
             f"no contradiction, but this scan leaves {6 - len(checked.apart)} of 6 "

@@ -1,10 +1,12 @@
 """`profilecal verify` reads what `profilecal calibrate --json` prints."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from command import run
+from numpy.random import default_rng
 from simulated import calibration_of, scan_of, wrong_by
 
 import profilecal as pc
@@ -51,6 +53,18 @@ def test_verify_reads_what_calibrate_printed(status, tmp_path):
         result = held_against_the_ball(printed | entry, tmp_path)
         assert result.exit_code == 1
     assert "most apart     translation along" in result.output
+
+
+def test_a_scan_that_contradicts_itself_verifies_nothing(tmp_path):
+    ball = scan_of("ball", seed=5)
+    off = 3 * default_rng(0).normal(size=ball.p_base_flange.shape)
+    wrong = replace(ball, p_base_flange=ball.p_base_flange + off, noise={})
+    pc.write_scan(wrong, tmp_path / "ball")
+    printed = calibration_of("edge", seed=5).to_json()
+    result = held_against_the_ball(printed, tmp_path)
+    assert result.exit_code == 2, result.output
+    assert "in 6 of 6 directions" in result.output
+    assert "no contradiction, but this scan contradicts itself" in result.output
 
 
 def test_a_scan_that_leaves_a_direction_open_verifies_nothing(tmp_path):

@@ -84,10 +84,18 @@ class Verification:
         return self.chance > FALSE_ALARM
 
     @property
+    def is_misread(self) -> bool:
+        """Whether the scan, which is no other answer, contradicts itself."""
+        other = self.other
+        return isinstance(other, Calibration) and other.misread and not other.is_known
+
+    @property
     def is_conclusive(self) -> bool:
         """Whether the scan tells all directions in which the pose is stated to be
-        known.
+        known, and does not contradict itself.
         """
+        if self.is_misread:
+            return False
         known = of_covariance(self.stated).sd < 1
         return len(self.apart) >= int(np.count_nonzero(known))
 
@@ -165,10 +173,9 @@ def verify(
     else:
         checked = against(T, stated, other, title)
     if not len(checked.apart):
-        raise ScanError(
-            f"{title}: determines no direction of the sensor's pose; "
-            "expected poses that differ"
-        )
+        why = getattr(checked.other, "messages", ())
+        sentence = f"{title}: determines no direction of the sensor's pose"
+        raise ScanError("; ".join([sentence, *why]))
     return checked
 
 
