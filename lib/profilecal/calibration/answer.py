@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from profilecal.geometry.checks import check_array, check_rigid
 from profilecal.geometry.noise import Noise
-from profilecal.scan.scan import MOUNTS, Scan
+from profilecal.scan.scan import MOUNTS, Scan, described
 from profilecal.scan.tables import ScanError, naming
 from profilecal.scan.toml import check_entries, number, one_of
 
@@ -50,6 +50,9 @@ class Joint:
         sizes = [*self.mean, self.freedom, self.noise_factor]
         check_array("mean and sizes", sizes, (n + 2,))
         Noise(**self.robot_errors)
+        for kind, lengths, origin, axes in self.targets:
+            described(kind, lengths)
+            check_array("origin and axes", [origin, *axes], (4, 3))
 
     def of(self, names: list[str]) -> tuple[ndarray, ndarray]:
         """Mean and covariance of these columns, zero of those that it does not have."""
@@ -184,7 +187,7 @@ def answer_of(entries: dict[str, Any]) -> Answer:
         status=entries["status"],
         joint=joint_of(entries.get("joint")),
         covariance_mm_deg=entries.get("covariance"),
-        fingerprints=made.get("scans", ()),
+        fingerprints=[[*map(str, of_scan)] for of_scan in made.get("scans", ())],
     )
 
 
@@ -195,7 +198,7 @@ def joint_of(entries: Any) -> Joint | None:
     try:
         names = Joint.__annotations__.keys() & entries
         return Joint(**{name: entries[name] for name in names})
-    except (ValueError, TypeError, AttributeError):
+    except (ValueError, TypeError, LookupError, AttributeError):
         return None
 
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from profilecal.calibration.answer import MM_DEG, Answer, answer_of, fingerprints
 from profilecal.calibration.points import point_sd
 from profilecal.calibration.several_scans import prefixes
-from profilecal.geometry.checks import UnobservableError
+from profilecal.geometry.checks import UnobservableError, check_type
 from profilecal.geometry.noise import SMOOTH
 from profilecal.geometry.observability import name_direction, shift_and_turn
 from profilecal.joint.problem import Problem
@@ -300,6 +300,8 @@ def write_answer(found: Calibration, path: str | Path) -> None:
     ------
     OSError
         Where the file cannot be written.
+    TypeError
+        For what is no Calibration.
 
     See Also
     --------
@@ -316,6 +318,7 @@ def write_answer(found: Calibration, path: str | Path) -> None:
     >>> bool((answer.pose == found.pose).all())
     True
     """
+    check_type("found", found, Calibration)
     Path(path).write_text(answer_text(found) + "\n", encoding="utf-8")
 
 

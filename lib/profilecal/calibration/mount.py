@@ -85,6 +85,8 @@ def contradiction(solution: Solution, mount: Mount | None) -> list[str]:
     ]
     if agrees(*inverse(R, T)):
         causes.append(f"the guess were of the {frame} in the sensor's frame")
+    if agrees(R, 1000 * T):
+        causes.append("the guess were in metres")
     # some frame explains any difference: this cause is always there
     tool = homogeneous(R, T) @ np.linalg.inv(solution.pose)
     x, y, z = tool[:3, 3]

@@ -33,7 +33,7 @@ def point_sd(
     C = R @ L @ solution.covariance_total @ L.mT @ R.T
     if T is not None:
         T = np.asarray(T, float)
-        check_rigid("T_base_flange", T.reshape(-1, 4, 4))
+        check_rigid("T_base_flange", T.reshape(-1, *T.shape[-2:]))
         R_flange, T_flange = T[..., :3, :3], T[..., :3, 3]
         q = carry(R, solution.translation, p)
         to_hand = solution.problem.to_hand

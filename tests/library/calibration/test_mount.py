@@ -66,6 +66,14 @@ def test_what_no_residual_shows_is_named_beside_a_guess(words):
     assert_allclose(found.pose, silent.pose, atol=1e-9)
 
 
+def test_a_guess_in_metres_is_called_so():
+    scan, truth = pc.simulate("edge", seed=3, groups=12, positions=3)
+    guess = truth.pose.copy()
+    guess[:3, 3] /= 1000
+    (message,) = pc.calibrate(scan, guess).messages
+    assert "it looks as if the guess were in metres, or as if the poses" in message
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_a_right_guess_changes_nothing(seed):
     scan, truth = pc.simulate("edge", seed=seed, groups=12, positions=3)

@@ -50,6 +50,12 @@ def test_points_vary_as_differences_of_pose_and_flange_have_it(mount):
     assert_allclose(found.point_sd_mm(x, z, T) ** 2, total, rtol=1e-6)
 
 
+@pytest.mark.parametrize("T", [np.eye(3), np.eye(4).ravel()])
+def test_poses_of_the_flange_are_checked(T):
+    with pytest.raises(ValueError, match=r"T_base_flange has shape .* \(n, 4, 4\)"):
+        calibration_of("ball", seed=1).point_sd_mm(0, 100, T)
+
+
 def test_what_was_seen_of_arcs_is_what_the_profiles_show():
     arcs, profiles = (
         points_seen(calibration_of("ball", seed=1, measured=measured).solution)

@@ -115,7 +115,9 @@ def test_an_answer_knows_its_own_scan_again_and_old_files_are_read(tmp_path):
     bad = tmp_path / "bad.json"
     bad.write_text(json.dumps(entries | {"covariance": [1.0]}))
     refused(r"its covariance has shape \(1,\)", bad, asked=pc.read_answer)
-    for text in (json.dumps(entries | {"made": [1]}), 100_000 * "["):
+    made = [1], {"scans": [1]}
+    texts = [json.dumps(entries | {"made": one}) for one in made]
+    for text in (*texts, 100_000 * "["):
         bad.write_text(text)
         refused("not what `profilecal", bad, asked=pc.read_answer)
 
@@ -123,6 +125,7 @@ def test_an_answer_knows_its_own_scan_again_and_old_files_are_read(tmp_path):
 OF_ANOTHER_VERSION = {  # entries of what was found
     "freedom": None,
     "mean": [0.0],
+    "targets": [["cube", [], [0, 0, 0], np.eye(3).tolist()]],
     "covariance": [[1.0]],
     "robot_errors": {"wobble_mm": 1.0},
 }
