@@ -63,11 +63,6 @@ class SensingData:
         """
         return np.arccos(np.clip(self.cos_alpha, -1, 1))
 
-    @property
-    def clipped(self) -> ndarray:
-        """Where Eq. 9's arccos does not exist, (...)."""
-        return ~(np.abs(self.cos_alpha) <= 1)
-
 
 def solve_disk(
     R_tcp: ArrayLike,
@@ -291,14 +286,14 @@ def chord_weights(
     """Weights (..., 2m, 5) that make five vectors of the tips of m chords, all first
     tips before all second ones.
 
-    They are the mean chord, then two points each of the lines that place e4 and e5 on
-    the line e1e2. `heights` "published": these lines are the first and the last chord,
-    whose noise stays however many chords there are; "regression": they run along the
-    mean chord, at the ends of the straight line fitted to the heights of all chords.
-    These follow the flange's way `along` (..., m) the motion, in any unit; without it
-    the steps are even. Raises ValueError for other `heights`.
+    They are the mean chord, then one point, and another, of each of both lines that
+    place e4 and e5 on the line e1e2. `heights` "published": these lines are the first
+    and the last chord, whose noise stays however many chords there are; "regression":
+    they run along the mean chord, at the ends of the straight line fitted to the
+    heights of all chords. These follow the flange's way `along` (..., m) the motion, in
+    any unit; without it the steps are even. Raises ValueError for other `heights`.
     """
-    chord = np.repeat([-1 / m, 1 / m], m)
+    chord = np.repeat([[-1 / m], [1 / m]], m, axis=0)
     if heights == "regression":
         step = np.linspace(-1, 1, m) if along is None else along
         step = step - step.mean(axis=-1, keepdims=True)
@@ -306,16 +301,15 @@ def chord_weights(
         # (..., m, 2): weights of the heights that give the ends of their line
         ends = 1 / m + step[..., None] * step[..., None, [0, -1]] / square
         middles = np.concatenate([ends, ends], axis=-2) / 2
-        lines = middles[..., None] + np.outer(chord, [-0.5, 0.5])[:, None, :]
+        lines = [middles - chord / 2, middles + chord / 2]
     elif heights == "published":
-        lines = np.zeros((2 * m, 2, 2))
-        lines[[0, m - 1, m, 2 * m - 1], [0, 1, 0, 1], [0, 0, 1, 1]] = 1
+        tips = np.eye(2 * m)
+        lines = [tips[:, [0, m - 1]], tips[:, [m, 2 * m - 1]]]
     else:
         raise ValueError(
             f"heights is {heights!r}; expected 'regression' or 'published'"
         )
-    lines = lines.reshape(*lines.shape[:-2], 4)
-    return np.insert(lines, 0, chord, axis=-1)
+    return np.concatenate([chord + 0 * lines[0][..., :1], *lines], axis=-1)
 
 
 def sensing_data_from_ellipse(
@@ -352,19 +346,18 @@ def sensing_data_from_ellipse(
     slope = S_xz / S_zz
 
     # where the lines through two points each, a and b, meet e1e2
-    xa, za = turned(vectors[:, 1::2])
-    xb, zb = turned(vectors[:, 2::2])
+    xa, za = turned(vectors[:, 1:3])
+    xb, zb = turned(vectors[:, 3:])
     rise = (zb - za) / (xb - xa)
     z4, z5 = (za + rise * (x3 - slope * z3 - xa)) / (1 - rise * slope)
     to_end = np.where(z5 < z4, -1.0, 1.0) * np.sqrt(S_zz)
     z = np.stack([z3 - to_end, z3 + to_end, z3, z4, z5])
     x = x3 + (z - z3) * slope
     with np.errstate(divide="ignore", invalid="ignore"):
-        eta = (z - z5) / (z4 - z5)  # Eq. 7
+        eta = ((z - z5) / (z4 - z5))[..., None]  # Eq. 7
 
     to_start = T_start - T_end
-    T_3 = T_end + eta[2][..., None] * to_start  # Eq. 8
-    D_b = (eta[1] - eta[0])[..., None] * to_start  # Eq. 13
+    D_b = (eta[1] - eta[0]) * to_start  # Eq. 13
     dx, dz = x[0] - x[1], z[0] - z[1]
     square = np.vecdot(D_b, D_b) - dx**2 - dz**2
     cos_alpha = (square - 4 * radius**2) / (4 * radius * dz)
@@ -372,7 +365,7 @@ def sensing_data_from_ellipse(
     D_y = 2 * radius * s * np.sqrt(1 - inside**2)
     D_z = dz + 2 * radius * inside
     return SensingData(
-        T_tcp=T_3,
+        T_tcp=T_end + eta[2] * to_start,  # Eq. 8
         q=np.insert(ellipse.centre, 1, 0, axis=-1),
         D_i=from_components(cos * dx - sin * D_z, D_y, sin * dx + cos * D_z),
         D_b=D_b,

@@ -197,13 +197,22 @@ def arc_among(
     kind: BallSections | RodSections,
     least: int = LEAST_ARC_POINTS,
 ) -> tuple[Section, ndarray] | str:
-    """The longest arc of a kind that points (k, 2) show, near one of some circles
-    (c, 3), and which of them are on it, as indices; or, in words, why there is none of
-    at least so many.
+    """The longest arc of a kind that points (k, 2) show, and which of them are on it,
+    as indices; or, in words, why there is none of at least so many.
+
+    The search begins with that of some circles (c, 3) on which most points are for its
+    size.
     """
-    circle = best_circle(circles, points, limit)
-    found = circle and refined(circle, points, limit, kind, least)
-    if not found:
+    if not len(circles):
+        return kind.missing
+    few = points[:: max(1, len(points) // 250)]
+    off = cdist(circles[:, :2], few) - circles[:, 2:]
+    count = np.count_nonzero(np.abs(off) < limit, axis=1)
+    # a line stays near a circle over a length that grows as √radius
+    best = (count / np.sqrt(circles[:, 2])).argmax()
+    circle = section_of(circles[best])
+    found = refined(circle, points, limit, kind, least) if count[best] >= 10 else None
+    if found is None:
         return kind.missing
     curve, on = found
     reason = why_no_arc(curve, points, on, limit)
@@ -270,20 +279,6 @@ def circles_through(points: ndarray, largest: float) -> ndarray:
     circles = fit_circle(points[rows.reshape(-1, 3)])
     radii = circles[:, 2]
     return circles[(largest / 5 < radii) & (radii < largest)]  # false for NaN
-
-
-def best_circle(circles: ndarray, points: ndarray, limit: float) -> Section | None:
-    """Of circles (c, 3) the one on which most points (k, 2) are for its size; None if
-    no circle has enough of them.
-    """
-    if not len(circles):
-        return None
-    few = points[:: max(1, len(points) // 250)]
-    off = cdist(circles[:, :2], few) - circles[:, 2:]
-    count = np.count_nonzero(np.abs(off) < limit, axis=1)
-    # a line stays near a circle over a length that grows as √radius
-    best = (count / np.sqrt(circles[:, 2])).argmax()
-    return section_of(circles[best]) if count[best] >= 10 else None
 
 
 def section_of(circle: ndarray) -> Section:

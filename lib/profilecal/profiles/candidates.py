@@ -49,11 +49,9 @@ def choose(
     clear; else nothing, with the reason. Candidates are ranked, the one of most support
     first. `reasons`: why a profile has none; empty where no more can be said than that.
     """
+    others = f"no {shape} as in other profiles"
     if not any(candidates):
-        return [
-            nothing(why or f"nothing like the target in {len(profile)} points")
-            for why, profile in zip(reasons, profiles, strict=True)
-        ]
+        others = "nothing like the target in any profile"
     is_open = [
         len(own) > 1 and own[1].support > AMBIGUOUS * own[0].support
         for own in candidates
@@ -72,7 +70,7 @@ def choose(
         elif own:
             chosen.append(own[0])
             continue
-        chosen.append(Candidate(nothing(reason or f"no {shape} as in other profiles")))
+        chosen.append(Candidate(nothing(reason or others)))
     return with_end_variance(chosen)
 
 

@@ -50,34 +50,23 @@ def find_edges(profiles: Profiles) -> list[Feature]:
 def look_of_most(shown_by: Counter[Look]) -> Look | None:
     """The look of the edge, from how many profiles each look is `shown_by`; None where
     either end of a face may be it.
+
+    It is a corner that at least half as many profiles show as show an end, else the
+    end. Where the face's other end shows too, it is a corner that a few profiles show:
+    beside one of both ends a side face may show now and then. Of two that are as usual
+    it is the one of smaller sign, so that no order of a set decides.
     """
-    shape, sign = look = usual_look(shown_by)
-    is_clear = shown_by[shape, -sign] <= AMBIGUOUS * shown_by[look]
-    if is_clear or shape != "step end":
-        return look
-    # beside one of both ends a side face may show now and then
-    corners = {
-        other: count
-        for other, count in shown_by.items()
-        if other[0] == "corner" and count > 2
-    }
-    return usual_look(corners) if corners else None
-
-
-def usual_look(shown_by: dict[Look, int]) -> Look:
-    """The most usual look.
-
-    Of the looks that at least half as many profiles show as show the most frequent one,
-    it is a corner, if there is one, then the most frequent, and where both tie the one
-    of smaller sign, so that no order of a set decides.
-    """
-    most = max(shown_by.values(), default=0)
-    often = [look for look, count in shown_by.items() if 2 * count >= most]
-    return min(
-        often,
-        key=lambda look: (look[0] != "corner", -shown_by[look], look[1]),
-        default=("", 0),
+    usual = sorted(shown_by, key=lambda look: (-shown_by[look], look[1]))
+    corner, end = (
+        next((look for look in usual if look[0] == shape), ("", 0))
+        for shape in ("corner", "step end")
     )
+    if 2 * shown_by[corner] >= shown_by[end]:
+        return corner
+    shape, sign = end
+    if shown_by[shape, -sign] <= AMBIGUOUS * shown_by[end]:
+        return end
+    return corner if shown_by[corner] > 2 else None
 
 
 def corners(runs: list[Run], view: View) -> Iterator[Candidate]:

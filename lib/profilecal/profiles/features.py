@@ -45,29 +45,24 @@ def block_means(
     its unit normals there. Returns the means (b, 2); the mean distance of each block
     from the curve, (b,) mm; and the covariance of the means (b, 2, 2), mm², which is as
     large along the curve as across it.
+
+    A scanner errs in x otherwise than in z, so that the variance of a point across the
+    curve is nx² σx² + nz² σz², fitted to the squared distances.
     """
     most_blocks = 40
     fitted = 4  # parameters of a curve, at most
     k = len(off)
+    mean_square = visible(np.mean(off**2))
+    variance = np.full(k, mean_square)
+    if k >= 100:  # enough to tell x from z
+        both, _ = nnls(normals**2, off**2)
+        # less than a tenth of the mean is not to be trusted
+        variance = np.maximum(normals**2 @ both, 0.1 * mean_square)
+    variance = variance * k / max(k - fitted, 1)
+
     bounds = np.linspace(0, k, min(most_blocks, k) + 1).astype(int)
     size = np.diff(bounds)
-    variance = variances_across(off, normals) * k / max(k - fitted, 1)
     values = np.column_stack([points, off, variance * variance_inflation(off)])
     means = np.add.reduceat(values, bounds[:-1]) / size[:, None]
     mean_variance = means[:, 3] / size
     return means[:, :2], means[:, 2], mean_variance[:, None, None] * np.eye(2)
-
-
-def variances_across(off: ndarray, normals: ndarray) -> ndarray:
-    """Variances (k,), mm², of points across a curve.
-
-    A scanner errs in x otherwise than in z, so that they are nx² σx² + nz² σz², fitted
-    to the squared distances `off` (k,) of the points from the curve. Its normals are
-    (k, 2).
-    """
-    mean_square = visible(np.mean(off**2))
-    if len(off) < 100:  # too few to tell x from z
-        return np.full(len(off), mean_square)
-    both, _ = nnls(normals**2, off**2)
-    # less than a tenth of the mean is not to be trusted
-    return np.maximum(normals**2 @ both, 0.1 * mean_square)

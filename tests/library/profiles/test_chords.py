@@ -48,7 +48,7 @@ def test_what_parts_a_disk_is_not_its_end(above):
     """Nor is it a smaller disk."""
     profiles, tips = disks(default_rng(3), 40)
     x = profiles[..., 0]
-    profiles[..., 1] -= above * ((3 < x) & (x < 7))
+    profiles[..., 1] -= above * ((x > 3) & (x < 7))
     found = [feature.points for feature in features_of("disk", profiles)]
     assert np.abs(np.array(found) - tips).max() < 0.5
 
