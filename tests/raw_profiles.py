@@ -6,9 +6,8 @@ Every maker returns P profiles (P, n, 2), and where the target is in each.
 
 import numpy as np
 
-from profilecal.geometry.noise import Noise
-from profilecal.simulation.robot import Scanner, actual_poses
-from profilecal_papers.edge_study import EdgePlan, edge_scenes, scan_planes
+import profilecal as pc
+from profilecal.simulation.robot import Scanner
 
 SCANNER = Scanner()
 RADIUS = 25.0  # mm of disks and balls
@@ -38,16 +37,22 @@ def spoil(profiles, truth, rng):
     return profiles
 
 
+def scan_planes(scan, truth):
+    """Those of a simulated scan, (P, 3, 3) and (P, 3), and its target's points in them,
+    (P, m, 2).
+    """
+    T = scan.T_base_flange @ truth.pose
+    planes = T[:, :3, :3], T[:, :3, 3]
+    return planes, truth.target.meet(*planes).reshape(len(T), -1, 2)
+
+
 def edges(specimen, rng, groups=25):
     """Profiles of a specimen, and its edge (P, 1, 2)."""
-    plan = EdgePlan(groups=groups, spread_deg=20, frame="group", radius=15)
-    scene = edge_scenes(plan, Noise(), rng)
-    poses = actual_poses(*scene.poses, Noise(), rng)
-    rotation, origin = scan_planes(scene.R_sensor, scene.T_sensor, *poses)
-    away = rotation.mean(axis=(0, 1))[:, 2]
-    outlines = scene.edge.outline(specimen, rotation, origin, away)
-    profiles = scan(np.concatenate(outlines), rng)
-    return profiles, scene.points.reshape(-1, 1, 2)
+    seen, truth = pc.simulate("edge", seed=2, groups=groups)
+    planes, points = scan_planes(seen, truth)
+    away = planes[0].mean(axis=0)[:, 2]
+    outlines = truth.target.outline(specimen, *planes, away)
+    return scan(outlines, rng), points
 
 
 def scan(outlines, rng):

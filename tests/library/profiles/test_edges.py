@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from finding import features_of, normalised, shapes_found, share_found
 from numpy.random import default_rng
-from raw_profiles import balls, scan, turned
+from raw_profiles import balls, scan, scan_planes, turned
 
 import profilecal as pc
 from profilecal.simulation.robot import Scanner
@@ -33,10 +33,7 @@ def test_where_both_ends_of_a_face_show_the_corner_tells_which_is_the_edge():
     assert shapes_found(features) == {"corner"}
     assert 0.2 < share_found(features) < 0.5
 
-    T_base_sensor = scan.T_base_flange @ truth.pose
-    rotation, origin = T_base_sensor[:, :3, :3], T_base_sensor[:, :3, 3]
-    points = truth.target.meet(rotation, origin)[:, None]
-    assert normalised(features, points)[0] < 2
+    assert normalised(features, scan_planes(scan, truth)[1])[0] < 2
 
 
 def test_heights_above_zero_pass_for_depths_which_a_bar_shows():

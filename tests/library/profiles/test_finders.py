@@ -16,7 +16,17 @@ from finding import (
 from many_scenes import IN_PROFILES
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from raw_profiles import RADIUS, balls, disks, edges, planes, rods, spoil, tables
+from raw_profiles import (
+    RADIUS,
+    balls,
+    disks,
+    edges,
+    planes,
+    rods,
+    scan_planes,
+    spoil,
+    tables,
+)
 
 import profilecal as pc
 from profilecal.profiles.points import LEAST_TOLERANCE, tolerance
@@ -74,9 +84,7 @@ def test_points_are_as_exact_as_stated_whatever_the_scanner(name):
     profiles = [rows[rng.random(len(rows)) >= missed] for rows in seen.values]
     features = features_of(kind, profiles, 50)
     assert share_found(features) > 0.95
-    planes = seen.T_base_flange @ truth.pose
-    points = truth.target.meet(planes[:, :3, :3], planes[:, :3, 3])
-    ratio, count = normalised(features, points.reshape(len(planes), -1, 2))
+    ratio, count = normalised(features, scan_planes(seen, truth)[1])
     assert abs(ratio - 1) < 4 / np.sqrt(count)
 
 
