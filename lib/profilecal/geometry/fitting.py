@@ -212,17 +212,13 @@ def affine_residuals(
     such a function of the flange position, whatever the calibration: what is left is
     noise. Values that are not `present` (..., n) are left out: zero is left of them.
     """
-    n = positions.shape[-2]
     weight = np.broadcast_to(present, positions.shape[:-1])[..., None]
     share = weight / weight.sum(axis=-2, keepdims=True)
     offsets, residuals = (
         weight * (x - (share * x).sum(axis=-2, keepdims=True))
         for x in (positions, values)
     )
-    U, S, _ = np.linalg.svd(offsets, full_matrices=False)
-    farthest = np.abs(weight * positions).max(axis=(-2, -1))[..., None]
-    rounding = n * np.finfo(float).eps * farthest
-    # an arc leaves its plane, a line itself, by less
-    extends = np.maximum(1e-3 * S[..., :1], rounding) < S
-    U = U * extends[..., None, :]
-    return residuals - U @ (U.mT @ residuals)
+    offsets[np.abs(offsets) < 1e-9] = 0  # mm: rounding
+    # an arc leaves its plane, a line itself, by less than a thousandth
+    slopes = np.linalg.pinv(offsets, rcond=1e-3) @ residuals
+    return residuals - offsets @ slopes

@@ -161,7 +161,14 @@ def explain(
     """
     if found.status == "ok":
         return []
-    what = what_is_open(found, R_sensor, frame)
+    # the directions, up to three, that are as bad as the status says
+    limit = 1 if found.status == "unobservable" else WEAK
+    count = int((found.sd >= limit).sum()) or 1
+    if count >= 3 and np.linalg.norm(found.directions[:3, 3:]) < 0.3:
+        what = "translation in every direction"
+    else:
+        worst = found.directions[: min(count, 3)]
+        what = "; ".join(name_direction(v, R_sensor, frame) for v in worst)
     why = why_open(R_flange, frame)
     if found.rank < found.parameters or found.sd[0] >= 10:
         known = "left open"
@@ -170,16 +177,6 @@ def explain(
         known = f"known only to {size}"
     verbs = {"unobservable": "cannot be determined", "weak": "is poorly determined"}
     return [f"{what} {verbs[str(found.status)]} ({known}): {why}"]
-
-
-def what_is_open(found: Spectrum, R_sensor: ndarray, frame: str) -> str:
-    """The directions, up to three, that are as bad as the status says."""
-    limit = 1 if found.status == "unobservable" else WEAK
-    count = int((found.sd >= limit).sum()) or 1
-    if count >= 3 and np.linalg.norm(found.directions[:3, 3:]) < 0.3:
-        return "translation in every direction"
-    worst = found.directions[: min(count, 3)]
-    return "; ".join(name_direction(v, R_sensor, frame) for v in worst)
 
 
 def why_open(R_flange: ndarray, frame: str) -> str:

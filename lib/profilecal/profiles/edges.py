@@ -5,6 +5,7 @@ profile shows several, what most profiles of a scan show tells which it is.
 from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
@@ -76,19 +77,14 @@ def corners(runs: list[Run], view: View) -> Iterator[Candidate]:
     The lines rest on points beyond the rounded tips of all corners; there is none where
     these are too few. At a shallow corner a run takes points of the next face.
     """
-    faces: list[Run | None] = [*runs]
     joined = joints(runs)
-    for k, rounded in joined:
-        first, second = runs[k : k + 2]
-        # as far along a face as the next one is within its limit, and half as far
-        # again; within noise of the apex a point may be of either
-        along, off = np.abs([first.direction, first.normal] @ second.direction)
-        spoilt = max(BLUNT, first.limit, 1.5 * first.limit * along / off)
-        for one in (k, k + 1):
-            faces[one] = beyond(spoilt, faces[one], rounded)
-    for k, _ in joined:
-        before, after = faces[k : k + 2]
-        if not before or not after or not is_bent(before, after):
+    for joint in joined:
+        rows = [clear_rows(runs, joint.first + side, joined) for side in (0, 1)]
+        if min(map(len, rows)) < LEAST_SIDE:
+            continue
+        run = runs[joint.first]
+        before, after = (Run.through(run.profile, own, run.limit) for own in rows)
+        if not is_bent(before, after):
             continue
         apex = crossing(before, after)
         # from between the sides to the apex and on
@@ -96,7 +92,7 @@ def corners(runs: list[Run], view: View) -> Iterator[Candidate]:
         if sign * view.depth_sign > 0:
             continue
         covariance = crossing_covariance(before, after, apex)
-        used = np.concatenate([before.rows, after.rows])
+        used = np.concatenate(rows)
         feature = Feature(apex[None], covariance[None], used, "corner")
         angle = np.arccos(-before.direction @ after.direction)
         support = min(before.length, after.length)
@@ -138,9 +134,17 @@ def why_no_corner(runs: list[Run]) -> str:
     return ""
 
 
-def joints(runs: list[Run]) -> list[tuple[int, ndarray]]:
-    """Where a run ends and the next one begins within reach of where their lines meet
-    at an angle: the first one's index, and that place (2,).
+class Joint(NamedTuple):
+    """Where the lines of two neighbouring runs meet, within reach of both."""
+
+    first: int  # index of the first run
+    apex: ndarray  # (2,)
+    spoilt: float  # mm around the apex, in which a point may be of either
+
+
+def joints(runs: list[Run]) -> list[Joint]:
+    """Where a run ends and the next one begins near where their lines meet at an
+    angle.
     """
     found = []
     for k, (first, second) in enumerate(pairwise(runs)):
@@ -150,8 +154,23 @@ def joints(runs: list[Run]) -> list[tuple[int, ndarray]]:
         end = first.coordinates(apex)[0] - first.along[-1]
         start = second.coordinates(apex)[0] - second.along[0]
         if max(abs(end), abs(start)) < NEAR:
-            found.append((k, apex))
+            # as far along a face as the next one is within its limit, and half as far
+            # again
+            along, off = np.abs([first.direction, first.normal] @ second.direction)
+            spoilt = max(BLUNT, first.limit, 1.5 * first.limit * along / off)
+            found.append(Joint(k, apex, spoilt))
     return found
+
+
+def clear_rows(runs: list[Run], k: int, joined: list[Joint]) -> ndarray:
+    """The rows of a run but for those that a corner at either end spoils."""
+    run = runs[k]
+    is_clear = np.full(len(run.rows), True)
+    for joint in joined:
+        if joint.first in (k - 1, k):
+            from_apex = run.along - run.coordinates(joint.apex)[0]
+            is_clear &= np.abs(from_apex) > joint.spoilt
+    return run.rows[is_clear]
 
 
 def is_bent(first: Run, second: Run) -> bool:
@@ -174,19 +193,6 @@ def crossing_covariance(first: Run, second: Run, apex: ndarray) -> ndarray:
     variances = [line.offset_covariance(apex[None])[0, 0] for line in lines]
     inverse = np.linalg.inv([line.normal for line in lines])
     return inverse @ np.diag(variances) @ inverse.T
-
-
-def beyond(spoilt: float, run: Run | None, apex: ndarray) -> Run | None:
-    """The run but for some mm around the corner, which are spoilt; None if too little
-    is left.
-    """
-    if not run:
-        return None
-    from_apex = run.along - run.coordinates(apex)[0]
-    rows = run.rows[np.abs(from_apex) > spoilt]
-    if len(rows) < LEAST_SIDE:
-        return None
-    return Run.through(run.profile, rows, run.limit)
 
 
 def step_ends(runs: list[Run], view: View) -> Iterator[Candidate]:

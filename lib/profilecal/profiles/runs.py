@@ -166,7 +166,7 @@ def run_through(profile: ndarray, rows: ndarray, limit: float) -> Run:
 
 
 def distinct(runs: list[Run]) -> list[Run]:
-    """Runs, in scan order, without those of which a run with more points holds most."""
+    """Runs, in scan order, without those of which runs with more points hold most."""
     kept: list[Run] = []
     taken: set[int] = set()
     for run in sorted(runs, key=lambda run: -len(run.rows)):
