@@ -8,13 +8,13 @@ import pandas as pd
 from numpy.testing import assert_allclose, assert_array_equal
 
 ABOUT = ("kind", "labels", "measured", "sizes", "noise", "title", "mount", "convention")
-ABOUT += ("sweeps", "delay_ms")
+ABOUT += ("sweeps", "delay_ms", "group_given")
 
 
 def assert_same(first, second):
     """Two scans, but for rounding."""
     assert_allclose(first.T_base_flange, second.T_base_flange, atol=1e-8)
-    assert_allclose(first.times, second.times, rtol=1e-12)
+    assert_array_equal(first.times, second.times)
     for one, other in zip(first.values, second.values, strict=True):
         assert_allclose(one, other, atol=1e-8)
     for name in ABOUT:

@@ -102,11 +102,12 @@ def in_metres(*columns):
     return lambda table: table.assign(**table[[*columns]] / 1000)
 
 
-def test_metres_and_millimetres_are_the_same_scan(folder):
+def test_metres_and_millimetres_are_the_same_scan_in_any_order_of_columns(folder):
     scan = random_scan(3, "arcs", "ball")
     pc.write_scan(scan, folder)
     for change in (
         tabulated("poses.csv", in_metres("x", "y", "z")),
+        tabulated("poses.csv", lambda table: table[table.columns[::-1]]),
         tabulated("arcs.csv", in_metres("x", "z", "r")),
         edited("scan.toml", 'units = "mm"', 'units = "m"'),
         edited("scan.toml", "radius = 40.0", "radius = 0.0203\nside = -1"),
@@ -181,6 +182,10 @@ def everywhere(**columns):
     return lambda table: table.assign(**columns)
 
 
+def without(column):
+    return lambda table: table.drop(columns=column)
+
+
 def text_for_a_number(table):
     words = table["x"].astype(object)
     words[1] = "abc"
@@ -234,9 +239,9 @@ MISTAKES = {  # by what is said of each
     "cannot be read: unexpected end of data": put('pose,x,z,r\n"P0,1,2,3\n'),
     "not UTF-8 text, b'.xff' in line 2; save": not_text,
     "arcs.csv: 500 MB; expected at most 400 MB": too_large,
-    "poses.csv: no columns 'y'; expected one; there are pose, x": poses(
-        lambda table: table.drop(columns="y")
-    ),
+    "poses.csv: no columns 'y'; expected one; there are pose, x": poses(without("y")),
+    "qw, qx, .*; found none among pose, x, y, z, qx": poses(without("qw")),
+    "; found quaternion and KUKA angles": poses(everywhere(a=1, b=2, c=3)),
     # the same in arrays
     "arcs.npz: no arrays; expected .* cut short": arrays_cut_short,
     "x is float64 of shape .12, 2.; expected numbers or text, .12,.": two_axes,

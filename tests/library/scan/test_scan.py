@@ -34,6 +34,8 @@ def test_a_copy_with_something_wrong_is_refused():
         "no rows of points; expected what was seen": {
             "values": (np.ones((0, 2)),) * 12
         },
+        "side is 2; expected 1, -1 or 0, for each pose": {"side": 2},
+        r"side is \[1, -1, 0\]; expected": {"side": [1, -1, 0]},
     }
     for sentence, entries in wrong_entries.items():
         with pytest.raises(pc.ScanError, match=sentence):
@@ -56,12 +58,3 @@ def test_nothing_of_a_scan_is_written_to():
     for array in (scan.p_base_flange, scan.values[0], scan.group, scan.side):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1
-
-
-@pytest.mark.parametrize("side", [1, 0, [1, -1, 0] * 4])
-def test_a_side_is_that_of_each_pose(side):
-    scan = replace(scan_of("edge", groups=4, positions=3), side=np.array(side))
-    assert scan.side.tolist() == np.resize(side, 12).tolist()
-    for wrong in (2, [1, -1, 0], [1] * 11 + [2]):
-        with pytest.raises(pc.ScanError, match="expected 1, -1 or 0, for each pose"):
-            replace(scan, side=np.array(wrong))

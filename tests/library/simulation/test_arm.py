@@ -18,7 +18,21 @@ ABOUT_Z = rotations([0, 0, TURN])
 RNG = default_rng(1)
 R = rotations(RNG.uniform(-3, 3, (POSES, 3)))
 T = MIDDLE + 400 * in_unit_ball(RNG, POSES)
-TURNED = {0: (ABOUT_Z @ R, T @ ABOUT_Z.T), 5: (R @ ABOUT_Z, T)}
+SHIFT = np.array([0.1, -0.2, 0.3])
+FIRST, *_, LAST = np.eye(6)
+BUILT = {
+    "its first joint turns the base": (
+        Arm(zeros=TURN * FIRST),
+        ABOUT_Z @ R,
+        T @ ABOUT_Z.T,
+    ),
+    "its last joint turns the flange": (Arm(zeros=TURN * LAST), R @ ABOUT_Z, T),
+    "its last link shifts it": (
+        Arm(links=LINKS + np.outer(LAST, SHIFT)),
+        R,
+        T + R @ SHIFT,
+    ),
+}
 
 
 def test_an_arm_without_errors_is_where_it_says_with_its_fifth_joint_bent_forwards():
@@ -34,20 +48,12 @@ def test_a_place_out_of_reach_is_refused():
         joints_at(R, T + AWAY)
 
 
-@pytest.mark.parametrize("joint", TURNED)
-def test_the_first_joints_zero_turns_the_base_and_the_last_ones_the_flange(joint):
-    arm = Arm(zeros=TURN * np.eye(6)[joint])
-    R_turned, T_turned = arm.flange(joints_at(R, T))
-    assert_allclose(R_turned, TURNED[joint][0], atol=1e-12)
-    assert_allclose(T_turned, TURNED[joint][1], atol=1e-9)
-
-
-def test_the_last_link_shifts_the_flange():
-    shift = np.array([0.1, -0.2, 0.3])
-    links = LINKS.copy()
-    links[5] += shift
-    _, T_shifted = Arm(links=links).flange(joints_at(R, T))
-    assert_allclose(T_shifted - T, R @ shift, atol=1e-9)
+@pytest.mark.parametrize("what", BUILT)
+def test_an_arm_that_is_built_otherwise_is_elsewhere(what):
+    arm, R_expected, T_expected = BUILT[what]
+    R_found, T_found = arm.flange(joints_at(R, T))
+    assert_allclose(R_found, R_expected, atol=1e-12)
+    assert_allclose(T_found, T_expected, atol=1e-9)
 
 
 def test_errors_have_their_size():

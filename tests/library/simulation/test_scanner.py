@@ -8,25 +8,21 @@ from numpy.testing import assert_allclose
 from profilecal.simulation.robot import Scanner
 
 NOISELESS = Scanner(resolution=0.0, quantum=0.01, noise_mm=0.0)
-WALL = np.array([[-30.0, 80.0], [30.0, 80.0]])
+WALL = np.array([[-60.0, 80.0], [60.0, 80.0]])
 
 
 def profile_of(scanner, outline, seed=1):
     return scanner.profile(np.asarray(outline), default_rng(seed))
 
 
-def test_field_of_view_has_its_printed_corners():
-    widths = 2 * Scanner().half_width(np.array([60, 350]))
-    assert_allclose(widths, [40, 160])
-
-
 def test_a_wall_fills_the_field_of_view_and_lies_at_its_depth():
     profile = profile_of(NOISELESS, 0.3 * WALL)  # at 24 mm: too near
     assert np.isnan(profile).all()
-    profile = profile_of(NOISELESS, WALL)
-    assert_allclose(profile[:, 1], 80, atol=0.005)
-    ends = NOISELESS.half_width(80) * np.array([-1, 1])
-    assert_allclose(profile[[0, -1], 0], ends, atol=0.005)
+    profile = profile_of(
+        NOISELESS, np.add(WALL, [0, 125])
+    )  # in the middle of 60 to 350 mm
+    assert_allclose(profile[:, 1], 205, atol=0.005)
+    assert_allclose(profile[[0, -1], 0], [-50, 50], atol=0.005)
 
 
 def test_the_nearer_of_two_surfaces_hides_the_other():
