@@ -1,9 +1,8 @@
-"""What can go wrong with a scan folder, by kind: each corruption changes a `Folder` as
-a random generator tells it to.
+"""What can go wrong with a scan folder, by kind: each corruption changes one file of it
+as a random generator tells it to.
 """
 
 import tomllib
-from functools import wraps
 from io import StringIO
 from pathlib import Path
 
@@ -16,23 +15,14 @@ EXAMPLES = Path(__file__).parents[1] / "data" / "examples"
 # the least that a scale is wrong by: less moves the answer too, but the residuals of
 # these scans do not show it
 SLIGHT = 4e-3
-CORRUPTIONS = {}
+CORRUPTIONS = {}  # by name; each changes contents of files, by the files' names
 
 
-class Folder:
-    """A scan folder in memory, and the sensor pose that is right."""
-
-    def __init__(self, kind):
-        self.files = {
-            path.name: path.read_bytes() for path in (EXAMPLES / kind).iterdir()
-        }
-        truth = tomllib.loads(self.files.pop("truth.toml").decode())
-        self.truth = np.array(truth["T_flange_sensor"])
-
-    def write(self, folder):
-        folder.mkdir()
-        for name, content in self.files.items():
-            (folder / name).write_bytes(content)
+def example(kind):
+    """The content of an example's files, and the sensor pose that is right."""
+    files = {path.name: path.read_bytes() for path in (EXAMPLES / kind).iterdir()}
+    truth = tomllib.loads(files.pop("truth.toml").decode())
+    return files, np.array(truth["T_flange_sensor"])
 
 
 def some(rng, count, least=1, most=None):
@@ -53,43 +43,33 @@ def one(rng, choices):
     return choices[rng.integers(len(choices))]
 
 
-def corruption(function):
-    CORRUPTIONS[function.__name__] = function
-    return function
-
-
-def on_bytes(function):
-    """A corruption of the content of any file."""
-
-    @wraps(function)
-    def change(rng, folder):
-        name = one(rng, sorted(folder.files))
-        folder.files[name] = bytes(function(rng, folder.files[name]))
-
-    return corruption(change)
-
-
-def on_table(*names):
-    """A corruption of the rows of one of these tables."""
+def corruption(adapted, *names):
+    """Of one of these files, or of any, by a function of something that is `adapted` to
+    content.
+    """
 
     def decorated(function):
-        @wraps(function)
-        def change(rng, folder):
-            name = f"{one(rng, names)}.csv"
-            text = StringIO(folder.files[name].decode())
-            table = function(rng, pd.read_csv(text, dtype={"pose": str}))
-            text = table.to_csv(index=False, float_format="%.12g")
-            folder.files[name] = text.encode()
+        def change(rng, files):
+            name = one(rng, names or sorted(files))
+            files[name] = adapted(function, rng, files[name])
 
-        return corruption(change)
+        CORRUPTIONS[function.__name__] = change
 
     return decorated
 
 
-def on_profiles(function):
-    """A corruption of some profiles: what it makes of points (n, 2)."""
+def on_bytes(function, rng, content):
+    return bytes(function(rng, content))
 
-    @wraps(function)
+
+def on_table(function, rng, content):
+    table = pd.read_csv(StringIO(content.decode()), dtype={"pose": str})
+    return function(rng, table).to_csv(index=False, float_format="%.12g").encode()
+
+
+def on_points(function, rng, content):
+    """Of points (n, 2) of some profiles."""
+
     def of_table(rng, table):
         parts = dict(list(table.groupby("pose", sort=False)))
         labels = list(parts)
@@ -98,10 +78,10 @@ def on_profiles(function):
             parts[labels[k]] = pd.DataFrame({"pose": labels[k], "x": x, "z": z})
         return pd.concat(parts.values())
 
-    return on_table("profiles")(of_table)
+    return on_table(of_table, rng, content)
 
 
-@on_bytes
+@corruption(on_bytes)
 def bytes_flipped(rng, content):
     """In one of two, digits alone become other digits."""
     content, digits = bytearray(content), b"0123456789.-,e"
@@ -113,20 +93,12 @@ def bytes_flipped(rng, content):
     return content
 
 
-@on_bytes
-def lines_lost_or_doubled(rng, content):
-    lines = content.splitlines(keepends=True)
-    times = np.ones(len(lines), int)
-    times[some(rng, len(lines))] = one(rng, [0, 2])
-    return b"".join(line * count for line, count in zip(lines, times, strict=True))
-
-
-@on_bytes
+@corruption(on_bytes)
 def cut_short(rng, content):
     return content[: rng.integers(len(content))]
 
 
-@on_bytes
+@corruption(on_bytes)
 def other_separators(rng, content):
     content = content.replace(b",", one(rng, [b";", b"\t", b" ", b", "]))
     return content.replace(b".", b",") if rng.uniform() < 0.5 else content
@@ -138,7 +110,7 @@ SMUGGLED = [
 ]
 
 
-@on_bytes
+@corruption(on_bytes)
 def something_inserted(rng, content):
     for i in sorted(some(rng, len(content), 1, 5).tolist(), reverse=True):
         content = content[:i] + one(rng, SMUGGLED) + content[i:]
@@ -156,14 +128,14 @@ ENTRIES = {
 }
 
 
-@corruption
-def entry_set_to_anything(rng, folder):
-    header = tomllib.loads(folder.files["scan.toml"].decode())
+@corruption(on_bytes, "scan.toml")
+def entry_set_to_anything(rng, content):
+    header = tomllib.loads(content.decode())
     table = one(rng, list(ENTRIES))
     entries = header.setdefault(table, {}) if table else header
     entries[one(rng, ENTRIES[table])] = one(rng, NASTY)
     text = toml_text(header).replace("Infinity", "inf").replace("NaN", "nan")
-    folder.files["scan.toml"] = text.encode()
+    return text.encode()
 
 
 CELLS = [
@@ -172,7 +144,7 @@ CELLS = [
 ]
 
 
-@on_table("poses", "profiles")
+@corruption(on_table, "poses.csv", "profiles.csv")
 def cells_replaced(rng, table):
     table = table.astype(object)
     for row in some(rng, len(table), 1, 20):
@@ -180,7 +152,7 @@ def cells_replaced(rng, table):
     return table
 
 
-@on_table("poses", "profiles")
+@corruption(on_table, "poses.csv", "profiles.csv")
 def a_column_scaled(rng, table):
     column = one(rng, [name for name in table if name not in ("pose", "side")])
     of_units = 1000, 0.001, 10, 0.1, 25.4, 180 / np.pi, np.pi / 180
@@ -188,7 +160,7 @@ def a_column_scaled(rng, table):
     return table.assign(**{column: table[column] * factor})
 
 
-@on_table("poses")
+@corruption(on_table, "poses.csv")
 def some_poses_wrong(rng, table):
     rows = some(rng, len(table))
     off = any_size(rng, 0.05, 2000) * rng.normal(size=(len(rows), 3))
@@ -196,7 +168,7 @@ def some_poses_wrong(rng, table):
     return table
 
 
-@on_table("poses")
+@corruption(on_table, "poses.csv")
 def target_moved(rng, table):
     """Somebody knocked against it in the middle of the scan."""
     later = table.index >= rng.integers(len(table))
@@ -205,14 +177,14 @@ def target_moved(rng, table):
     return table
 
 
-@on_table("profiles")
+@corruption(on_table, "profiles.csv")
 def few_poses(rng, table):
     labels = table["pose"].unique()
     kept = rng.choice(labels, rng.integers(0, 14), replace=False)
     return table[table["pose"].isin(kept)]
 
 
-@on_profiles
+@corruption(on_points, "profiles.csv")
 def profiles_emptied(rng, points):
     empties = [
         points[:0],
@@ -224,12 +196,12 @@ def profiles_emptied(rng, points):
     return one(rng, empties)
 
 
-@on_profiles
+@corruption(on_points, "profiles.csv")
 def profiles_noisy(rng, points):
     return points + any_size(rng, 0.02, 20) * rng.normal(size=points.shape)
 
 
-@on_profiles
+@corruption(on_points, "profiles.csv")
 def profiles_spiky(rng, points):
     bad = rng.uniform(size=len(points)) < rng.uniform(0.01, 0.8)
     level = one(rng, [0, 500, -500, points[0, 1]])

@@ -2,8 +2,6 @@
 what was written.
 """
 
-import os
-
 import pandas as pd
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -60,13 +58,3 @@ def instead_of(name, make):
         make(folder / name)
 
     return change
-
-
-def linked_to_itself(path):
-    path.symlink_to(path.name)
-
-
-LOOP = instead_of("arcs.csv", linked_to_itself)
-PIPE = instead_of("poses.csv", os.mkfifo)
-CUT_SHORT = written("arcs.csv", "pose,x,z,r\nP0,1,2,3\nP1,1")
-TOO_DEEP = edited("scan.toml", "40.0", "[" * 20_000)

@@ -11,7 +11,7 @@ import shutil
 import signal
 
 import numpy as np
-from corruptions import CORRUPTIONS, Folder
+from corruptions import CORRUPTIONS, example
 from numpy.random import default_rng
 from simulated import error_of
 
@@ -27,13 +27,13 @@ BELIEVED_OF_SIX = 6.3
 
 
 def corrupt(seed):
-    """The folder of a seed, and what was done to it."""
+    """The files of a seed, the pose that is right, and what was done."""
     again, which = divmod(seed, len(CORRUPTIONS))
     name = [*CORRUPTIONS][which]
     kind = ("edge", "disk", "ball")[(which + again) % 3]
-    folder = Folder(kind)
-    CORRUPTIONS[name](default_rng(seed), folder)
-    return folder, f"{kind}, {name}"
+    files, truth = example(kind)
+    CORRUPTIONS[name](default_rng(seed), files)
+    return files, truth, f"{kind}, {name}"
 
 
 def outcome(path, truth, checking):
@@ -74,12 +74,14 @@ def slow(signum, frame):
 
 def attempt(seed, path):
     """What came of one corruption, in a line; FAILED for what must never be."""
-    folder, done = corrupt(seed)
-    folder.write(path)
+    files, truth, done = corrupt(seed)
+    path.mkdir()
+    for name, content in files.items():
+        (path / name).write_bytes(content)
     signal.signal(signal.SIGVTALRM, slow)
     signal.setitimer(signal.ITIMER_VIRTUAL, LONGEST)
     try:
-        result = outcome(path, folder.truth, seed % 5 == 0)
+        result = outcome(path, truth, seed % 5 == 0)
     except Exception as error:
         result = f"FAILED, {type(error).__name__}: {error}"
     finally:

@@ -10,27 +10,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from folders import (
-    CUT_SHORT,
-    LOOP,
-    PIPE,
-    TOO_DEEP,
-    assert_same,
-    edited,
-    removed,
-    tabulated,
-    written,
-)
-from numpy.random import default_rng
+from folders import assert_same, edited, instead_of, removed, tabulated, written
 from numpy.testing import assert_allclose
-from scipy.spatial.transform import Rotation
+from simulated import scan_of
 
 import profilecal as pc
-from profilecal.geometry.poses import homogeneous
 from profilecal.joint.prior import TYPICAL, USUAL
 from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.folder import HEADER
-from profilecal.scan.scan import MEASURED
 from profilecal.scan.toml import read_toml
 
 TRUTH = {
@@ -40,23 +27,10 @@ TRUTH = {
 }
 
 
-def random_scan(seed, measured="points", kind="edge"):
-    """Three poses of each of four orientations, and numbers that no target left."""
-    rng = default_rng(seed)
-    R = np.repeat(Rotation.random(4, rng=rng).as_matrix(), 3, axis=0)
-    positions = rng.uniform(-800, 800, (12, 3))
-    rows = 50 if measured == "profiles" else 1
-    values = rng.uniform(-60, 60, (12, rows, len(MEASURED[measured])))
-    lengths = {"radius": 40.0} if kind in ("ball", "disk") else {}
-    return pc.Scan.of(
-        kind,
-        homogeneous(R, positions),
-        labels=[f"P{k}" for k in range(12)],
-        noise={"profile_mm": 0.05},
-        title='A "quoted" bar, 25 °',
-        **{measured: values},
-        **lengths,
-    )
+def twelve_poses(kind, measured):
+    """Three of each of four orientations."""
+    plan = {"groups": 4, "positions": 3, "scanner": {"points": 60}}
+    return scan_of(kind, measured=measured, title='A "quoted" bar, 25 °', **plan)
 
 
 @pytest.fixture
@@ -81,7 +55,7 @@ MEASUREMENTS = [
 )
 def test_a_scan_written_is_read_back(folder, mount, convention, measured, kind):
     scan = replace(
-        random_scan(1, measured, kind),
+        twelve_poses(kind, measured),
         side=np.where(np.arange(12) % 2, 1.0, -1.0),
         truth=TRUTH,
         convention=convention,
@@ -103,14 +77,14 @@ def in_metres(*columns):
 
 
 def test_metres_and_millimetres_are_the_same_scan_in_any_order_of_columns(folder):
-    scan = random_scan(3, "arcs", "ball")
+    scan = replace(twelve_poses("ball", "arcs"), side=0)
     pc.write_scan(scan, folder)
     for change in (
         tabulated("poses.csv", in_metres("x", "y", "z")),
         tabulated("poses.csv", lambda table: table[table.columns[::-1]]),
         tabulated("arcs.csv", in_metres("x", "z", "r")),
         edited("scan.toml", 'units = "mm"', 'units = "m"'),
-        edited("scan.toml", "radius = 40.0", "radius = 0.0203\nside = -1"),
+        edited("scan.toml", "radius = 25.0", "radius = 0.0203\nside = -1"),
     ):
         change(folder)
     again = pc.read_scan(folder)
@@ -130,10 +104,10 @@ def test_the_example_of_all_entries_leaves_none_out_and_says_what_is_usual():
 
 
 def test_blank_and_nan_points_are_missing_and_extra_columns_ignored(folder):
-    pc.write_scan(random_scan(5), folder)
+    pc.write_scan(twelve_poses("edge", "points"), folder)
     path = folder / "points.csv"
     lines = path.read_text().splitlines()
-    lines[1:3] = "P0,,", "P1,nan,NaN"
+    lines[1:3] = "g1p1,,", "g1p2,nan,NaN"
     path.write_text("\n".join(f"{line},comment" for line in lines) + "\n\n , \n")
     missing = [np.isnan(rows).all() for rows in pc.read_scan(folder).values]
     assert missing == [True, True] + 10 * [False]
@@ -154,7 +128,7 @@ def as_arrays(name, **changed):
 
 @pytest.mark.parametrize("by_us", [True, False])
 def test_arrays_are_the_same_scan_as_the_table(folder, monkeypatch, by_us):
-    scan = random_scan(7, "profiles")
+    scan = twelve_poses("plane", "profiles")
     rows = [rows[: 40 + k] for k, rows in enumerate(scan.values)]
     rows[3], rows[5] = np.full((1, 2), np.nan), rows[5][:0]
     if by_us:
@@ -174,8 +148,8 @@ put = partial(written, "arcs.csv")
 
 
 def relabelled(label):
-    """What gives the row of pose P3 another label."""
-    return lambda table: table.replace({"pose": {"P3": label}})
+    """What gives the row of pose g2p1 another label."""
+    return lambda table: table.replace({"pose": {"g2p1": label}})
 
 
 def everywhere(**columns):
@@ -220,22 +194,26 @@ MISTAKES = {  # by what is said of each
     ),
     "units is 'inch'; expected mm or m": header('"mm"', '"inch"'),
     r"kind is 'sphere' in \[target\]; expected edge or": header('"ball"', '"sphere"'),
-    RADIUS_IS("missing"): header("radius = 40.0", ""),
-    RADIUS_IS("a huge number"): header("40.0", f"1{'0' * 400}"),
-    "'edge' needs profiles or points": header('"ball"\nradius = 40.0', '"edge"'),
+    RADIUS_IS("missing"): header("radius = 25.0", ""),
+    RADIUS_IS("a huge number"): header("25.0", f"1{'0' * 400}"),
+    "'edge' needs profiles or points": header('"ball"\nradius = 25.0', '"edge"'),
     "target is 5; expected a table": written("scan.toml", "target = 5"),
-    "scan.toml: nested too deeply": TOO_DEEP,
+    "scan.toml: nested too deeply": header("25.0", "[" * 20_000),
     r"scan.toml: 1.0\d+ MB; expected at most": header("[", f"{LONG_COMMENT}\n["),
     # which files there are
     "poses.csv: no such file": removed("poses.csv"),
     "expected one of profiles, .*; found none": removed("arcs.csv"),
     "found points.csv and arcs.csv": written("points.csv", "pose,x,z\n"),
-    "arcs.csv: Too many levels of symbolic links": LOOP,
-    "poses.csv: not a file": PIPE,
+    "arcs.csv: Too many levels of symbolic links": instead_of(
+        "arcs.csv", lambda path: path.symlink_to(path.name)
+    ),
+    "poses.csv: not a file": instead_of("poses.csv", os.mkfifo),
     # tables as such
     "arcs.csv: no rows; expected names of columns": put(""),
     "arcs.csv: 2 columns 'x'; expected one": put("pose,x,X ,z,r\nP0,1,1,2,3\n"),
-    "arcs.csv line 3: 2 fields; expected 4: is the file cut short": CUT_SHORT,
+    "arcs.csv line 3: 2 fields; expected 4: is the file cut short": put(
+        "pose,x,z,r\nP0,1,2,3\nP1,1"
+    ),
     "cannot be read: unexpected end of data": put('pose,x,z,r\n"P0,1,2,3\n'),
     "not UTF-8 text, b'.xff' in line 2; save": not_text,
     "arcs.csv: 500 MB; expected at most 400 MB": too_large,
@@ -248,10 +226,12 @@ MISTAKES = {  # by what is said of each
     "x is complex128 of shape": as_arrays("arcs", X=np.ones(12, complex)),
     r"arcs.npz: .* text .dtype str.: is it": as_arrays("arcs", Z=np.array([None] * 12)),
     # labels
-    "line 5: pose 'P2' is there twice": poses(relabelled("P2")),
-    "line 5: pose 'P33' is not in poses": arcs(relabelled("P33")),
+    "line 5: pose 'g1p3' is there twice": poses(relabelled("g1p3")),
+    "line 5: pose 'g9' is not in poses": arcs(relabelled("g9")),
     "line 5: no pose label": arcs(relabelled(None)),
-    "scan: Scan: pose 'P2' has 2 rows of arcs; expected one": arcs(relabelled("P2")),
+    "scan: Scan: pose 'g1p3' has 2 rows of arcs; expected one": arcs(
+        relabelled("g1p3")
+    ),
     r"'long\\nlong.*… is not in poses": arcs(relabelled("long\n" * 99)),
     # numbers
     "line 2: quaternion of length": poses(lambda table: table.assign(qw=table.qw + 1)),
@@ -271,7 +251,7 @@ MISTAKES = {  # by what is said of each
 
 @pytest.mark.parametrize("sentence", MISTAKES)
 def test_every_mistake_is_one_sentence_with_file_and_value(folder, sentence):
-    pc.write_scan(random_scan(6, "arcs", "ball"), folder)
+    pc.write_scan(twelve_poses("ball", "arcs"), folder)
     MISTAKES[sentence](folder)
     with pytest.raises(pc.ScanError, match=sentence) as caught:
         pc.read_scan(folder)
@@ -280,7 +260,7 @@ def test_every_mistake_is_one_sentence_with_file_and_value(folder, sentence):
 
 
 def test_a_long_table_is_read_to_its_end_and_its_empty_lines_are_counted(folder):
-    pc.write_scan(random_scan(9, "profiles"), folder)
+    pc.write_scan(twelve_poses("plane", "profiles"), folder)
     path = folder / "profiles.csv"
     lines = path.read_text().splitlines()
     lines += lines[1:] * 4
@@ -293,10 +273,11 @@ def test_a_long_table_is_read_to_its_end_and_its_empty_lines_are_counted(folder)
 
 def test_a_folder_with_something_in_it_is_not_overwritten(tmp_path):
     (tmp_path / "note.txt").write_text("mine")
+    scan = twelve_poses("edge", "points")
     with pytest.raises(pc.ScanError, match="already in use; name a new folder"):
-        pc.write_scan(random_scan(8), tmp_path)
+        pc.write_scan(scan, tmp_path)
     with pytest.raises(pc.ScanError, match="Not a directory"):
-        pc.write_scan(random_scan(8), tmp_path / "note.txt")
+        pc.write_scan(scan, tmp_path / "note.txt")
     with pytest.raises(pc.ScanError, match="below: Not a directory"):
-        pc.write_scan(random_scan(8), tmp_path / "note.txt" / "below")
+        pc.write_scan(scan, tmp_path / "note.txt" / "below")
     assert [path.name for path in tmp_path.iterdir()] == ["note.txt"]

@@ -138,8 +138,8 @@ MISTAKES = {
     ),
     "pose 'p1' is not in poses": removed("poses.csv"),
     "no columns 't'; expected one": edited("points.csv", "sweep,t", "sweep,time"),
-    "delay_ms is 900 in .motion.; expected -200 to 200": edited(
-        "scan.toml", "[noise]", "[motion]\ndelay_ms = 900\n\n[noise]"
+    "delay_ms is -900 in .motion.; expected -200 to 200": edited(
+        "scan.toml", "[noise]", "[motion]\ndelay_ms = -900\n\n[noise]"
     ),
     "log has 1 rows; expected two or more": written(
         "log.csv", "t,x,y,z,a,b,c\n1,500,0,0,0,0,0\n"
