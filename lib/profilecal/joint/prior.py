@@ -343,7 +343,7 @@ def of_target(observations: Sequence[Observations]) -> list[Perturbation]:
         name, mm, kind, sizes = length
         which = f"{kind}'s {name} of {mm:g} mm" if several else name
         words = f"the {which} was too {{}} by {{}} mm"
-        own = f"{name} of {kind} {sizes}"
+        own = f"{name} of {kind} {' x '.join(f'{size:.12g}' for size in sizes)}"
         errors.append(
             Perturbation(words, 1, prior="tolerance_mm", length=length, name=own)
         )
