@@ -1,9 +1,13 @@
 """What a scan holds, before any calibration."""
 
+import os
+import tempfile
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from command import run
 from scipy.spatial.transform import RigidTransform
 from simulated import scan_of
 
@@ -76,3 +80,24 @@ def test_check_knows_which_screw_hides_the_delay(mount, screw_in):
     )
     moves = "with it" if screw_in == MOUNTS[mount] else "shifts the target"
     assert moves in dict(check(scan))["delay"]
+
+
+@pytest.mark.skipif(
+    os.name != "posix" or os.getuid() != 0, reason="gives up root's permissions"
+)
+def test_without_permission_the_command_says_so():
+    # not below pytest's folder, which is root's alone
+    with tempfile.TemporaryDirectory() as above:
+        os.chmod(above, 0o755)
+        folder = Path(above) / "scan"
+        pc.write_scan(scan_of("edge"), folder)
+        run("check", folder)  # which imports what root alone may read
+        for locked, unread in (("poses.csv", "poses.csv"), (".", "scan.toml")):
+            (folder / locked).chmod(0)
+            os.seteuid(65534)
+            try:
+                done = run("check", folder)
+            finally:
+                os.seteuid(0)
+            assert (done.exit_code, done.stdout) == (2, "")
+            assert done.stderr == f"profilecal: {folder / unread}: Permission denied\n"
