@@ -32,6 +32,7 @@ from profilecal_tool.report.calibration import of_poses
 
 WIDTH = 5.6  # inches, of a page's pictures
 OF_PAGE = 20  # profiles
+AS_IT_IS = {"parse_math": False}  # a user's text, where a $ is a $
 DOTS = {"ls": "", "marker": ".", "ms": 2, "color": "0.55"}
 
 
@@ -183,8 +184,8 @@ def plot_profiles(
             if scan.target.points:
                 axes.plot(*feature.points.T, "o", ms=5, mfc="none", mec=RED)
             note = "rejected" * (label in rejected) if feature.found else "not found"
-            colour = RED if note else "black"
-            axes.set_title(f"{label[:10]} {note}", color=colour, fontsize=8)
+            about = {"color": RED if note else "black", "fontsize": 8} | AS_IT_IS
+            axes.set_title(f"{label[:10]} {note}", **about)
         for axes in places[len(page) :]:
             axes.axis("off")
         yield figure
@@ -204,12 +205,13 @@ def plot_residuals(found: Calibration) -> plt.Figure:
         axes.vlines(seen, 0, size, np.where(bad, RED, by_group), lw=width)
         axes.plot(seen, limit, "--", color=RED, label="limit of chance")
         ticks = seen[:: 1 + len(seen) // 7]
-        axes.set_xticks(ticks, [scan.labels[i][:8] for i in ticks])
+        names = [scan.labels[i].partition("@")[0][:8] for i in ticks]  # or the sweeps'
+        axes.set_xticks(ticks, names, **AS_IT_IS)
         highest = 1.15 * max(*size[~bad], *limit)
         axes.set(xlabel="pose", ylabel="residual / noise", ylim=(0, highest))
         inside = np.count_nonzero((size <= limit) & ~bad)
         title = f"chance explains {inside} of {len(seen)} residuals"
-        axes.set_title(f"{scan.title or scan.kind}:\n{title}")
+        axes.set_title(f"{scan.title or scan.kind}:\n{title}", **AS_IT_IS)
     key(rows[-1])
     return figure
 

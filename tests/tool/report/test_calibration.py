@@ -50,14 +50,15 @@ def test_scans_say_first_that_they_are_not_enough_and_what_to_add(plan, first):
 
 
 def test_several_scans_and_rejected_poses_are_named():
-    edge = scan_of("edge", title="A <bar> & more", **PLAN)
+    edge = scan_of("edge", title=r"A <bar> & $\more$", **PLAN)
+    edge = replace(edge, labels=[rf"$\{label}$" for label in edge.labels])
     wrong = with_values(edge, lambda rows: rows + 5, [10])
     wrong = with_values(wrong, lambda rows: rows[:0], [20])
     text = report_on(wrong, scan_of("ball", title="Ball", **PLAN))
     first = re.search(r"middle of what was seen is known to (\S+) mm", text)[1]
     below = re.search(r"points +known to (\S+) mm in the middle", text)[1]
     assert first == below
-    rejected = f"Pose A <bar> & more: {edge.labels[10]}: "
+    rejected = re.escape(f"Pose {edge.title}: {edge.labels[10]}: ")
     assert re.search(rf"{rejected}\d+\.\d times the noise; chance explains \d", text)
     assert f"1 pose left out, no point: {edge.labels[20]}" in text
     assert "Ball: ball, radius 25 mm" in text
