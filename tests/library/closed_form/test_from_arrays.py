@@ -218,6 +218,7 @@ NO_TRANSLATION = {name: values[4:] for name, values in OF_BALL.items()}
 R, T, SEEN = scenes.point_data(default_rng(9))[1]
 OF_POINT = {"R_tcp": R, "T_tcp": T, "q": SEEN[:, ::2]}
 MIRRORED = {"q_b": np.eye(4, 3), "q_i": -np.eye(4, 3)}
+IN_LINE = {"q_b": np.outer([0, 40, 120], [1, 2, 3]), "q_i": np.eye(3)}
 REFUSED = [
     *((solve_edge, OF_EDGE | change, sentence) for change, sentence in EDGE_REFUSED),
     *((solve_disk, OF_DISK | change, sentence) for change, sentence in DISK_REFUSED),
@@ -227,6 +228,13 @@ REFUSED = [
     (solve_ball, NO_TRANSLATION, "translating poses: 1 given, at least 3 needed"),
     (solve_fixed_point, OF_POINT | {"q": SEEN[::-1, ::2]}, "no sensor pose fits"),
     (solve_tetra_ball, MIRRORED, "no sensor pose fits"),
+    (solve_tetra_ball, IN_LINE, "q_b: all 3 points lie on one line"),
+    (solve_tetra_ball, MIRRORED | {"q_b": np.eye(2, 3)}, "pairs: 2 given, at least 3"),
+    (
+        solve_tetra_ball,
+        MIRRORED | {"q_i": np.eye(2, 3)},
+        "q_i has shape .2, 3.; ex",
+    ),
     (solve_disk, OF_DISK | FEW, r"orientation R_tcp\[9\]: 2 given, at least 3"),
     (solve_disk, OF_DISK | MIDDLE, r"the 5 chords at .* hardly change in length"),
     (

@@ -7,7 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from finding import assert_features_are_as_exact_as_stated
 from scipy.stats import chi2
 from simulated import squared_error
 
@@ -169,10 +168,6 @@ def test_a_folder_holds_its_profiles_and_its_lengths(tmp_path):
     scan = pc.read_scan(tmp_path)
     assert scan.measures == SIZES
     assert scan.description == "groove, width 20 mm, depth 9 mm"
-
-
-def test_its_corners_are_as_exact_as_stated():
-    assert_features_are_as_exact_as_stated("groove")
 
 
 def test_answers_from_its_raw_profiles_are_as_exact_as_stated():
