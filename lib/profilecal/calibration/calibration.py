@@ -346,12 +346,13 @@ def joint_entries(solution: Solution) -> dict[str, Any]:
     shown = prior.scales.profile_mm if prior.source == "profiles" else solution.noise_mm
     frames = zip(problem.observations, solution.state.placements, strict=True)
     robot_errors, noise = sizes.of_robot, solution.noise
-    smooth = {}
-    if SMOOTH in robot_errors:
-        smooth["smooth"] = solution.smooth.known
+    has_smooth, smooth = SMOOTH in robot_errors, None
+    if has_smooth:
+        smooth = solution.smooth.known
         robot_errors["accuracy_deg"] = noise.of_sizes(robot_errors).accuracy_deg
-    return smooth | {
-        "columns": column_names(problem, smooth=bool(smooth)),
+    return {
+        "smooth": smooth,
+        "columns": column_names(problem, smooth=has_smooth),
         "mean": mean,
         "covariance": covariance,
         "targets": [

@@ -175,10 +175,8 @@ def check(solution: Solution) -> tuple[Solution, list[str]]:
     sentences on what in them speaks against it, which more poses would not mend.
     """
     objections, are_large = contradictions(solution)
-    if objections:  # what poses to add, as the solution says, does not mend them
-        solution = replace(solution, messages=())
-    if are_large:
-        solution = replace(solution, status="unobservable")
+    if are_large:  # what poses to add, as the solution says, does not mend that
+        solution = replace(solution, status="unobservable", messages=())
     if solution.status == "unobservable":
         return solution, objections
     C, before = solution.covariance, solution.observability
@@ -187,8 +185,11 @@ def check(solution: Solution) -> tuple[Solution, list[str]]:
         one.not_allowed_for * np.outer(one.moves, one.moves) for one in guilty
     )
     observability = of_covariance(enlarged, before.rank, before.parameters)
-    far = [one.not_allowed_for * normalised_square(C, one.moves) for one in guilty]
-    if objections or observability.sd[0] > WEAK or max(far, default=0.0) > MUCH**2:
+    is_far = any(
+        one.not_allowed_for * normalised_square(C, one.moves) > MUCH**2
+        for one in guilty
+    )
+    if objections or observability.sd[0] > WEAK or is_far:
         solution = replace(solution, status="weak")
     if guilty:
         objections.append(accusation(guilty))

@@ -94,10 +94,9 @@ class Verification:
         """Whether the scan tells all directions in which the pose is stated to be
         known, and does not contradict itself.
         """
-        if self.is_misread:
-            return False
         known = of_covariance(self.stated).sd < 1
-        return len(self.apart) >= int(np.count_nonzero(known))
+        tells_all = len(self.apart) >= int(np.count_nonzero(known))
+        return tells_all and not self.is_misread
 
     def __repr__(self) -> str:
         difference = np.array2string(self.difference_mm_deg, precision=3)
