@@ -73,13 +73,59 @@ def write_table(path, titles, rows, between=","):
 # The poses
 
 
-def kuka(folder):
-    lines = ["DEFDAT SCAN PUBLIC", ";FOLD X 1, Y 2"]
-    pose = "X {:.12f},Y {:.12f},Z {:.12f},A {:.12f},B {:.12f},C {:.12f}"
-    for k, row in enumerate(poses("KUKA angles"), 1):
-        lines.append(f"DECL E6POS XP{k}={{{pose.format(*row)},S 2,T 35}}")
-        lines.append(f"DECL FDAT FP{k}={{TOOL_NO 0,BASE_NO 0}}")
-    write_lines(folder / "scan.dat", [*lines, "ENDDAT"])
+def program(name, lines, convention, scale=1.0, angle=1.0, head="", foot=""):
+    """Lines for each pose, with its number and numbers."""
+
+    def write(folder):
+        rows = poses(convention, scale)
+        rows[:, 3:] *= angle
+        texts = [lines.format(*row, k=k) for k, row in enumerate(rows)]
+        write_lines(folder / name, [head, *texts, foot])
+
+    return write
+
+
+kuka = program(
+    "scan.dat",
+    "DECL E6POS XP{k}={{X {0:.12f},Y {1:.12f},Z {2:.12f},A {3:.12f},B {4:.12f},"
+    "C {5:.12f},S 2,T 35}}\nDECL FDAT FP{k}={{TOOL_NO 0,BASE_NO 0}}",
+    "KUKA angles",
+    head="DEFDAT SCAN PUBLIC\n;FOLD X 1, Y 2",
+    foot="ENDDAT",
+)
+fanuc = program(
+    "CALIB.LS",
+    "P[{k}]{{\n   GP1:\n\tUF : 0, UT : 0,\t\tCONFIG : 'N U T, 0, 0, -1',\n"
+    "\tX = {0:.12f} mm,\tY = {1:.12f} mm,\tZ = {2:.12f} mm,\n"
+    "\tW = {3:.12f} deg,\tP = {4:.12f} deg,\tR = {5:.12f} deg\n}};",
+    "FANUC angles",
+    head="/PROG  SCAN\n/MN\n   1:L P[1] 500mm/sec FINE ;\n/POS",
+    foot="/END",
+)
+opencv = program(
+    "poses.yml",
+    "R_{k}: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ {3:.12f}, "
+    "{4:.12f}, {5:.12f}, {6:.12f}, {7:.12f}, {8:.12f}, {9:.12f}, {10:.12f}, "
+    "{11:.12f} ]\nt_{k}: !!opencv-matrix\n   rows: 3\n   cols: 1\n   dt: d\n"
+    "   data: [ {0:.12f}, {1:.12f}, {2:.12f} ]",
+    "matrix",
+    head="%YAML:1.0\n---",
+)
+
+
+def ur(folder):
+    """In a base of its own, which no UR program says: poses of the tool alone, turned
+    by more than half a turn.
+    """
+    rows = poses("rotation vector", 0.001, matrices_of_poses() @ TOOL)
+    rows[:, 3:] *= 1 - 2 * np.pi / np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
+    tcp = numbers_of(TOOL, "rotation vector", 0.001)
+    lines = ["def scan():", f"  set_tcp(p[{text(tcp)}])"]
+    for k, row in enumerate(rows):
+        lines.append(f"  global P_{k}_p=p[{text(row)}]")
+        lines.append(f"  # global P_{k}_p=p[{text(rows[0])}]")
+        lines.append("  movej([0,1,2,3,4,5], a=1.4)")
+    write_lines(folder / "scan.script", [*lines, "end"])
 
 
 def abb(folder, used=True, backwards=False):
@@ -102,53 +148,19 @@ def abb(folder, used=True, backwards=False):
     write_lines(folder / "scan.mod", lines)
 
 
-def ur(folder):
-    """In a base of its own, which no UR program says: poses of the tool alone, turned
-    by more than half a turn.
-    """
-    rows = poses("rotation vector", 0.001, matrices_of_poses() @ TOOL)
-    rows[:, 3:] *= 1 - 2 * np.pi / np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
-    tcp = numbers_of(TOOL, "rotation vector", 0.001)
-    lines = ["def scan():", f"  set_tcp(p[{text(tcp)}])"]
-    for k, row in enumerate(rows):
-        lines.append(f"  global P_{k}_p=p[{text(row)}]")
-        lines.append(f"  # global P_{k}_p=p[{text(rows[0])}]")
-        lines.append("  movej([0,1,2,3,4,5], a=1.4)")
-    write_lines(folder / "scan.script", [*lines, "end"])
-
-
-def samples():
-    """Position and orientation of each pose, as ROS has them."""
-    for row in xyzw():
-        turn = dict(zip("xyzw", row[3:], strict=True))
-        yield dict(zip("xyz", row[:3], strict=True)), turn
-
-
-def opencv(folder):
-    """R and t in nodes of their own, 10 before 2."""
-    node = "{}_{}: !!opencv-matrix\n   rows: 3\n   cols: {}\n   dt: d\n   data: [ {} ]"
-    lines = ["%YAML:1.0", "---"]
-    for k in sorted(range(12), key=str):
-        R, t = np.split(matrices_of_poses()[k, :3], [3], axis=1)
-        lines.append(node.format("R", k, 3, text(R.ravel())))
-        lines.append(node.format("t", k, 1, text(t.ravel())))
-    write_lines(folder / "poses.yml", lines)
-
-
 def by_columns(folder):
     rows = matrices_of_poses().swapaxes(1, 2).reshape(-1, 16)
     np.savetxt(folder / "poses.txt", rows, delimiter=",")
 
 
-def fanuc(folder):
-    lines = ["/PROG  SCAN", "/MN", "   1:L P[1] 500mm/sec FINE ;", "/POS"]
-    pose = "\tX = {:.12f} mm,\tY = {:.12f} mm,\tZ = {:.12f} mm,\n"
-    pose += "\tW = {:.12f} deg,\tP = {:.12f} deg,\tR = {:.12f} deg\n}};"
-    for k, row in enumerate(poses("FANUC angles"), 1):
-        lines.append(f"P[{k}]{{\n   GP1:")
-        lines.append("\tUF : 0, UT : 0,\t\tCONFIG : 'N U T, 0, 0, -1',")
-        lines.append(pose.format(*row))
-    write_lines(folder / "CALIB.LS", [*lines, "/END"])
+def chosen(titles, *columns, convention="KUKA angles"):
+    """Columns of the poses' table, some of them twice."""
+
+    def write(folder):
+        rows = poses(convention)[:, columns]
+        write_table(folder / "robot.csv", titles, rows)
+
+    return write
 
 
 def listed(
@@ -261,21 +273,40 @@ def beside(**poses_of):
     return write
 
 
-def with_speeds(folder):
-    """In front of positions, whose angles name no owner."""
-    titles = [f"{owner}_{axis}" for owner in ("vel", "tcp") for axis in "xyz"]
-    rows = np.insert(poses("KUKA angles"), [0, 0, 0], 7.0, axis=1)
-    write_table(folder / "robot.csv", ",".join([*titles, "a", "b", "c"]), rows)
+# in front of positions, whose angles name no owner
+with_speeds = chosen("vel_x,vel_y,vel_z,tcp_x,tcp_y,tcp_z,a,b,c", 3, 4, 5, *range(6))
 
 
-def of_images(folder):
-    """In another order, beside the names of the profiles' files."""
-    vectors = poses("quaternion", 0.001).tolist()
-    entries = [
-        {"tvec": row[:3], "q_wxyz": row[3:], "file": f"raw/scan_{k:03d}.csv"}
-        for k, row in enumerate(vectors)
-    ]
-    (folder / "poses.json").write_text(json.dumps({"poses": entries[::-1]}))
+def in_json(name, sample, turned=1):
+    """A sample for each pose and its profile, in a file each or a list."""
+
+    def write(folder):
+        rows = poses("quaternion", 0.001).tolist()
+        triples = zip(range(12), rows, scan().values, strict=True)
+        samples = [sample(*triple) for triple in triples][::turned]
+        for k, own in enumerate(samples):
+            one = own if "{" in name else {"poses": samples}
+            (folder / name.format(k)).write_text(json.dumps(one))
+
+    return write
+
+
+def as_ros(row):
+    """Position and orientation."""
+    position = dict(zip("xyz", row[:3], strict=True))
+    return position, dict(zip("wxyz", row[3:], strict=True))
+
+
+# in another order, beside the names of the profiles' files
+of_images = in_json(
+    "poses.json",
+    lambda k, row, points: {
+        "tvec": row[:3],
+        "q_wxyz": row[3:],
+        "file": f"raw/scan_{k:03d}.csv",
+    },
+    turned=-1,
+)
 
 
 # The profiles
@@ -305,39 +336,51 @@ def each(
 one_each = each()
 
 
+def every(name, write):
+    """A file for each profile."""
+
+    def fill(folder):
+        for k, points in enumerate(scan().values):
+            write(folder / name.format(k), points)
+
+    return fill
+
+
 def with_y(points):
     """Points x, 0, z."""
     return np.insert(points, 1, 0.0, axis=1)
 
 
-def unseen_at_first(folder):
+def unseen_at_first(path, points):
     """One row of nan below the titles, or more than are looked at for titles."""
-    for k, points in enumerate(scan().values):
-        rows = np.insert(points, np.zeros(1 + 60 * (k % 2), int), np.nan, axis=0)
-        write_table(folder / f"s{k}.csv", "x,z", rows)
+    blanks = 1 if path.stem.endswith("1") else 61
+    write_table(path, "x,z", np.insert(points, [0] * blanks, np.nan, axis=0))
 
 
-def lists(folder):
-    for k, points in enumerate(scan().values, 1):
-        numbers = text(with_y(points).ravel(), ", ").replace("nan", ".Nan")
-        lines = ["%YAML:1.0", "---", f"profile: [ {numbers} ]"]
-        write_lines(folder / f"p{k}.yml", [*lines, "picked: [ 1., 0., 2. ]"])
+def opencv_list(path, points):
+    numbers = text(with_y(points).ravel(), ", ").replace("nan", ".Nan")
+    lines = ["%YAML:1.0", "---", f"profile: [ {numbers} ]"]
+    write_lines(path, [*lines, "picked: [ 1., 0., 2. ]"])
 
 
-def archives(folder):
-    for k, points in enumerate(scan().values):
-        np.savez(folder / f"{k}.npz", profile=with_y(points), time=np.zeros((3, 2)))
+def archive(path, points):
+    np.savez(path, profile=with_y(points), time=np.zeros((3, 2)))
 
 
-def surfaces(folder):
+def surface(path, points):
     """As Gocators have resampled profiles: z below the places along x; German."""
-    for k, (x, z) in enumerate(points.T for points in scan().values):
-        rows, seen = np.arange(len(x)), np.isfinite(x)
-        titles = text(np.interp(rows, rows[seen], x[seen]), ";")
-        lines = ["Part", "FOV X;FOV Z;FOV Height", "9;9;9", f"Y\\X;{titles}"]
-        lines += [f"0.0;{text(z, ';')}", "End", ""]
-        lines = [line.replace("nan", "").replace(".", ",") for line in lines]
-        write_lines(folder / f"s{k}.csv", lines)
+    x, z = points.T
+    rows, seen = np.arange(len(x)), np.isfinite(x)
+    titles = text(np.interp(rows, rows[seen], x[seen]), ";")
+    lines = ["Part", "FOV X;FOV Z;FOV Height", "9;9;9", f"Y\\X;{titles}"]
+    lines += [f"0.0;{text(z, ';')}", "End", ""]
+    write_lines(path, [line.replace("nan", "").replace(".", ",") for line in lines])
+
+
+def point_cloud(path, points):
+    head = "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\n"
+    head += "property float y\nproperty float z\nend_header"
+    write_table(path, head.format(len(points)), with_y(points), " ")
 
 
 def numbered_columns(folder):
@@ -375,14 +418,6 @@ def stacked(folder):
     np.save(folder / "all.npy", profiles.swapaxes(1, 2))
 
 
-def point_clouds(folder):
-    head = "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\n"
-    head += "property float y\nproperty float z\nend_header"
-    for k, points in enumerate(scan().values):
-        titles = head.format(len(points))
-        write_table(folder / f"cloud{k}.ply", titles, with_y(points), " ")
-
-
 POSES = {
     "KUKA": kuka,
     "ABB": abb,
@@ -404,17 +439,17 @@ POSES = {
 PROFILES = {
     "one each": one_each,
     "with gaps": each(nothing=""),
-    "unseen at first": unseen_at_first,
+    "unseen at first": every("s{}.csv", unseen_at_first),
     "codes in um": each("{}.csv", "x [um],z [um]", scale=1000, nothing="0,-999999"),
-    "lists": lists,
-    "archives": archives,
-    "surfaces": surfaces,
+    "lists": every("p{}.yml", opencv_list),
+    "archives": every("{}.npz", archive),
+    "surfaces": every("s{}.csv", surface),
     "numbered columns": numbered_columns,
     "a long table": long_table,
     "below one another": below,
     "ragged": ragged,
     "stacked": stacked,
-    "point clouds": point_clouds,
+    "point clouds": every("cloud{}.ply", point_cloud),
 }
 
 

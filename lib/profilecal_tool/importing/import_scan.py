@@ -228,10 +228,9 @@ def check_one_profile_a_pose(
         one, other, *_ = names[again[0] :]
         words = re.findall(r"[a-zA-Z]*\d+", one)
         part = next((word for word in words if word not in other), one)
-        raise Question(
-            f"{folder}: {one} and {other} are of one pose; which of them? (all: '*')",
-            profiles=f"*{part}*",
-        )
+        every = re.sub(r"\d+", "*", f"{one}.*")
+        sentence = f"{one} and {other} are of one pose; which of them? (all: '{every}')"
+        raise Question(f"{folder}: {sentence}", profiles=f"*{part}*")
 
 
 def in_sweeps(folder: Path, entries: Entries, both: Times) -> Entries:

@@ -6,6 +6,9 @@ from pathlib import Path
 from shutil import copy
 from typing import Annotated, Any
 
+import numpy as np
+from numpy import ndarray
+
 from profilecal.scan.folder import read_header, write_scan
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, new_folder, remove
@@ -63,6 +66,14 @@ class Layout:
         """The column of the rows that are wanted, and its value, in small letters."""
         name, _, value = self.where.lower().partition("=")
         return name, value
+
+
+def ranges(axes: str, points: ndarray) -> str:
+    """Where points (n, axes) are, mm: X 1.0 to 2.0, Z 3.0 to 4.0 mm."""
+    ends = zip(axes, np.nanmin(points, axis=0), np.nanmax(points, axis=0), strict=True)
+    return (
+        ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in ends) + " mm"
+    )
 
 
 def one_or_ask(place: Any, names: Sequence[str], what: str, option: str) -> str:

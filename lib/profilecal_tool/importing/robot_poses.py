@@ -31,7 +31,7 @@ from profilecal_tool.importing.makers import (
     likely_unit,
     scale_of,
 )
-from profilecal_tool.importing.questions import Layout, Question, Taken
+from profilecal_tool.importing.questions import Layout, Question, Taken, ranges
 from profilecal_tool.importing.read_file import names_of
 
 Entries = dict[str, Any]  # of a Scan
@@ -92,22 +92,17 @@ def robot_poses(files: Files, layout: Layout) -> Block:
             raise ScanError(
                 f"{part.path}: columns {listed(part.titles)}, where others differ"
             )
+    table = concat([part.table for part in parts])
     if len(files) == 1:
-        return replace(first, table=concat([part.table for part in parts]))
+        return replace(first, table=table)
+    # a further column of the files' names; where a row stands says the file too
     name_of = dict(zip(files, names_of(files), strict=True))
-    table = concat([with_file(part, name_of[part.path]) for part in parts])
+    paths = [part.path for part in parts for _ in part.table.index]
+    table[len(first.titles)] = [name_of[path] for path in paths]
+    pairs = zip(table.index, paths, strict=True)
+    table.index = [f"{line} of {path.name}" for line, path in pairs]
     titles = [*first.titles, "file"]
     return replace(first, path=Path(commonpath(files)), table=table, titles=titles)
-
-
-def with_file(poses: Block, name: str) -> DataFrame:
-    """The table of one file of several, with a further column of the file's name; where
-    a row stands says the file too.
-    """
-    lines = [f"{line} of {poses.path.name}" for line in poses.table.index]
-    table = poses.table.set_axis(lines)
-    table[len(poses.titles)] = name
-    return table
 
 
 def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
@@ -243,9 +238,7 @@ def pose_entries(poses: Block, labels: list[str], taken: Taken) -> Entries:
     beside = f", not {others}" if others else ""
     name = "poses" if poses.called in ("", "pose") else f"poses of {poses.called}"
     words = f"{len(labels)} {name}{beside} in {unit}{of_angle}"
-    low, high = np.sort(numbers[:, :3], axis=0)[[0, -1]] * length
-    places = f"X {low[0]:.1f} to {high[0]:.1f}, Y {low[1]:.1f} to {high[1]:.1f}"
-    places += f", Z {low[2]:.1f} to {high[2]:.1f} mm"
+    places = ranges("XYZ", numbers[:, :3] * length)
     taken["poses"] = f"{poses.path.name}: {words}: {places}"
     taken["pose_columns"] = f"{', '.join(poses.chosen)}: {poses.convention.meaning}"
     table = Table(poses.path, {"pose": labels} | columns, poses.table.index)

@@ -28,7 +28,13 @@ from profilecal_tool.importing.makers import (
     likely_unit,
     scale_of,
 )
-from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_ask
+from profilecal_tool.importing.questions import (
+    Layout,
+    Question,
+    Taken,
+    one_or_ask,
+    ranges,
+)
 from profilecal_tool.importing.read_file import BEGIN, decoded_text, names_of
 
 LIKELY_MM = 150.0  # the farthest that a scanner sees, for a guess at a unit
@@ -256,13 +262,11 @@ def question_on_points(blocks: list[Block], said: str) -> Question:
 def in_mm(
     path: Path, xz: ndarray, units: set[str], layout: Layout, taken: Taken
 ) -> ndarray:
-    """Points (n, 2) as mm, and NaN where nothing was seen. Raises ScanError."""
-    z = xz[:, 1]
-    codes = [code for code in (*UNIT_OF_CODE, layout.missing) if (z == code).any()]
-    seen = z[np.isfinite(z)]
-    if not codes and 0 in z and not seen.min() < 0 < seen.max():
-        codes = [0.0]  # where all other heights lie to one side
-    unseen = np.isnan(xz).any(axis=1) | np.isin(z, codes)
+    """Points (n, 2) as mm, and NaN where nothing was seen. Raises ScanError; Question
+    where a code or the unit is uncertain.
+    """
+    codes = codes_in(xz[:, 1], layout)
+    unseen = np.isnan(xz).any(axis=1) | np.isin(xz[:, 1], codes)
     xz[unseen] = np.nan
     if unseen.all():
         raise ScanError(f"{path}: nothing was seen in any profile")
@@ -271,23 +275,37 @@ def in_mm(
         check_codes(path, xz[~unseen], layout)
     of_codes = {UNIT_OF_CODE.get(code, "") for code in codes} - {""}
     said = {layout.unit} - {""} or units or of_codes
-    scale, unit = scale_of(path, said, "mm", LENGTH_UNITS)
+    scale, taken["unit"] = scale_of(path, said, "mm", LENGTH_UNITS)
     xz *= scale
-    low, high = np.nanmin(xz, axis=0), np.nanmax(xz, axis=0)
-    places = f"X {low[0]:.1f} to {high[0]:.1f}, Z {low[1]:.1f} to {high[1]:.1f} mm"
-    taken["columns"] += f": {places}"
-    taken["unit"] = unit
+    check_size(path, xz, scale, bool(said))
+    taken["columns"] += f": {ranges('XZ', xz)}"
     words = listed(f"{code:.12g}" for code in codes) or "blank"
     taken["missing"] = f"{words}: {unseen.sum()} of {len(xz)} points"
-    width = high[0] - low[0]
-    largest = np.abs([low, high]).max()
-    is_narrow = 0 < width < NARROW_MM and not said
+    return xz
+
+
+def codes_in(z: ndarray, layout: Layout) -> list[float]:
+    """The heights that stand for nothing seen: makers' codes and a user's, or else 0
+    where all other heights lie to one side.
+    """
+    codes = [code for code in (*UNIT_OF_CODE, layout.missing) if (z == code).any()]
+    seen = z[np.isfinite(z)]
+    is_beside = 0 in seen and not seen.min() < 0 < seen.max()
+    return codes or [0.0] * is_beside
+
+
+def check_size(path: Path, xz: ndarray, scale: float, is_said: bool) -> None:
+    """Raise Question where points (n, 2) mm are so few or so far away that their unit,
+    of so many mm, may be another one.
+    """
+    x, z = xz[~np.isnan(xz[:, 1])].T
+    width, largest = np.ptp(x), np.abs([x, z]).max()
+    is_narrow = 0 < width < NARROW_MM and not is_said
     if is_narrow or not READINGS_MM[0] <= largest <= FARTHEST_MM:
         sentence = f"{width:.4g} mm wide, up to {largest:.4g} mm away"
         hint = "the unit, or a code for nothing seen (--missing)?"
         likely = likely_unit(largest / scale, LIKELY_MM)
         raise Question(f"{path}: {sentence}; is it {hint}", unit=likely)
-    return xz
 
 
 def check_codes(path: Path, xz: ndarray, layout: Layout) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from pandas import DataFrame
 
 from profilecal.geometry.poses import homogeneous
-from profilecal.scan.conventions import named, to_rotations
+from profilecal.scan.conventions import named, pose_matrices
 from profilecal.scan.tables import listed, naming
 from profilecal_tool.importing.blocks import Block, label_of
 from profilecal_tool.importing.makers import ROBOTS, WORDS
@@ -135,8 +135,8 @@ def entries_of_flange(
     if layout.tool and len(turn.columns) != 3:
         turn, angle = named("FANUC angles"), 1.0
     position, angles = np.split(np.array([tool]), [3], axis=1)
-    R = to_rotations(turn, angles * angle)
+    T_flange_tool = pose_matrices(position * length, angles * angle, turn.name)
     T = homogeneous(entries["R_base_flange"], entries["p_base_flange"])
-    T = T @ np.linalg.inv(homogeneous(R, position * length))
+    T = T @ np.linalg.inv(T_flange_tool)
     flange = {"R_base_flange": T[:, :3, :3], "p_base_flange": T[:, :3, 3]}
     return {**entries, **flange, "orientation": None}

@@ -10,7 +10,6 @@ import shutil
 import subprocess
 import sys
 from contextlib import suppress
-from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
@@ -31,13 +30,16 @@ from peoples_files import (
     POSES,
     PROFILES,
     abb,
+    chosen,
     csv,
     each,
     fanuc,
     kuka,
     listed,
+    of_images,
     one_each,
     poses,
+    program,
     scan,
     text,
     tum,
@@ -77,10 +79,10 @@ def check_scan(folder):
 def transforms(folder):
     """Of the flange and of a camera on it, as ROS prints them, in turn."""
     documents = []
-    for position, turn in people.samples():
+    for row in poses("quaternion", 0.001):
         for k, child in enumerate(("camera_link", "tool0")):
-            own = position | {"x": position["x"] + k - 1}
-            own = {"translation": own, "rotation": turn}
+            position, turn = people.as_ros([row[0] + k - 1, *row[1:]])
+            own = {"translation": position, "rotation": turn}
             documents.append(json.dumps({"child_frame_id": child, "transform": own}))
     write_lines(folder / "tf.yaml", ["\n---\n".join(documents)])
 
@@ -93,70 +95,40 @@ declared = functools.partial(abb, used=False)
 
 def log_with_stops(folder):
     """At 2 Hz, of a robot that stands still for two seconds of four."""
-    rows = poses("quaternion")
-    between = (rows + np.roll(rows, -1, axis=0)) / 2
-    states = np.stack([*4 * [rows], *4 * [between + 1]], axis=1)
-    states[:, 4:] += np.arange(4)[:, None]
-    times = 1.7e12 + 500 * np.arange(8 * len(rows))  # ms
-    table = np.column_stack([times, states.reshape(-1, 7)])
+    rows = np.repeat(poses("quaternion"), 8, axis=0)
+    beats = np.arange(len(rows))
+    rows[:, :3] += np.maximum(beats % 8 - 3, 0)[:, None]
+    table = np.column_stack([1.7e12 + 500 * beats, rows])
     write_table(folder / "robot_log.csv", "time_ms,x,y,z,qw,qx,qy,qz", table)
 
 
 def named_by_the_clock(folder):
     """0.1 s after a line of the log."""
     for k, points in enumerate(scan().values):
-        moment = datetime.fromtimestamp(1.7e9 + 4 * k + 1.1, UTC)
-        name = moment.strftime("scan_%Y-%m-%d_%H-%M-%S.%f")
-        write_table(folder / f"{name}.csv", "x,z", points)
+        moment = np.datetime64(1_700_000_001_100 + 4_000 * k, "ms")
+        write_table(folder / f"scan_{moment}.csv", "x,z", points)
 
 
-OF_POINTS = "tcp_x,tcp_y,tcp_z,tcp_qw,tcp_qx,tcp_qy,tcp_qz,laser_x,laser_z"
-
-
-def in_one_table(folder, titles=OF_POINTS):
+def in_one_table(folder):
     """A row for each point, with its pose."""
     pairs = zip(poses("quaternion"), scan().values, strict=True)
     rows = [[*row, *point] for row, points in pairs for point in points]
-    write_table(folder / "log.csv", titles, rows)
+    write_table(folder / "log.csv", "x,y,z,qw,qx,qy,qz,px,pz", rows)
 
 
-def in_rows(folder):
-    """A row for each pose, with its profile."""
-    numbers = range(len(scan().values[0]))
-    titles = [*"xyzabc", *(f"p{axis}{k}" for axis in "xz" for k in numbers)]
-    profiles = [points.T.ravel() for points in scan().values]
-    rows = np.hstack([poses("KUKA angles"), profiles])
-    write_table(folder / "log.csv", ",".join(titles), rows)
+def capture(of_points):
+    """A sample with a pose, and a profile as a function says."""
 
-
-def captures(of_points):
-    for (position, turn), points in zip(people.samples(), scan().values, strict=True):
+    def sample(k, row, points):
+        position, turn = people.as_ros(row)
         pose = {"position": position, "orientation": turn}
-        yield {"robot": pose, "profile": of_points(points)}
+        return {"robot": pose, "profile": of_points(points)}
 
-
-def in_json(of_points):
-    """A file for each pose, with its profile."""
-
-    def write(folder):
-        for k, capture in enumerate(captures(of_points)):
-            (folder / f"capture{k:02d}.json").write_text(json.dumps(capture))
-
-    return write
+    return sample
 
 
 def by_axes(points):
     return dict(zip("xz", points.T.tolist(), strict=True))
-
-
-def in_one_json(folder):
-    """A sample for each pose, with points by name."""
-    samples = captures(
-        lambda points: {
-            "points": DataFrame(points, columns=["x", "z"]).to_dict("records")
-        }
-    )
-    (folder / "samples.json").write_text(json.dumps([*samples]))
 
 
 def sheets(folder):
@@ -167,17 +139,6 @@ def sheets(folder):
             table.to_excel(book, sheet_name=f"scan_{k:03d}", index=False)
 
 
-def lists_of_four(folder):
-    rows = [{"position": row[:3], "orientation": row[3:]} for row in people.xyzw()]
-    (folder / "poses.json").write_text(json.dumps(rows))
-
-
-def angles_first(folder):
-    """In degrees in front of positions, under a vector's titles."""
-    rows = np.roll(poses("FANUC angles"), 3, axis=1)
-    write_table(folder / "poses.csv", "rx,ry,rz,x,y,z", rows)
-
-
 def a_file_each(folder):
     """In radians."""
     for k, row in enumerate(poses("FANUC angles")):
@@ -185,29 +146,9 @@ def a_file_each(folder):
         write_table(folder / f"pose{k}.csv", "x,y,z,w,p,r", [row])
 
 
-def angles_twice(names):
-    def write(folder):
-        rows = poses("KUKA angles")[:, [0, 1, 2, 3, 4, 5, 3, 4, 5]]
-        write_table(folder / "poses.csv", ",".join(["x", "y", "z", *names]), rows)
-
-    return write
-
-
-def xarm(folder):
-    """In radians, where degrees are usual."""
-    rows = poses("FANUC angles")
-    rows[:, 3:] = np.radians(rows[:, 3:])
-    write_lines(folder / "scan.py", [f"set_position({text(row)})" for row in rows])
-
-
 def two_arrays(folder):
     left = np.array(scan().values)
     np.savez(folder / "profiles.npz", left=left, right=left + 1)
-
-
-def two_positions(folder):
-    rows = np.insert(poses("KUKA angles"), [3, 3, 3], 7.0, axis=1)
-    write_table(folder / "poses.csv", "x,y,z,tx,ty,tz,a,b,c", rows)
 
 
 def nothing(folder):
@@ -221,41 +162,62 @@ SINCE_1970 = [f"17200312{k:02}141500000" for k in range(12)]  # ns
 BY_XP = [f"XP{k}" for k in range(12)]
 far_point = functools.partial(edited, "scan_003.csv", "nan,nan")
 
+xarm_in_radians = program(
+    "scan.py",
+    "set_position({0:.12f}, {1:.12f}, {2:.12f}, {3:.12f}, {4:.12f}, {5:.12f})",
+    "FANUC angles",
+    angle=np.pi / 180,
+)
+
 # what is in a folder, and what is said of it as it is read or asked about
 FOLDERS = {name: (write, "/ written") for name, write in POSES.items()}
 FOLDERS |= {name: (tum, write, "/ written") for name, write in PROFILES.items()}
 FOLDERS |= {
-    "a code": (tum, each(nothing="-1,-1"), "z is -1 at 12 of 240 points"),
     "zeros": (tum, each(nothing="0,0"), "0: 12 of 240 points"),
     "a far point": (tum, one_each, far_point("1e6,1e6"), "1000000 at 1 of 229"),
     "nines": (tum, one_each, far_point("1,9999"), "9999 at 1 of 229"),
     "one unit": (tum, each(titles="x,z [um]", scale=1e3), "do both have it"),
     "inches": (tum, each(scale=1 / 25.4), "mm wide, up to"),
     "whole numbers": (tum, each(scale=1e5), "(--missing)"),
-    "lists of four": (lists_of_four, "what are they"),
-    "German angles": (
-        of_angles("X-Pos;Y-Pos;Z-Pos;Winkel X;Winkel Y;Winkel Z"),
+    "lists of four": (
+        people.in_json(
+            "p.json",
+            lambda k, row, points: {
+                "position": row[:3],
+                "orientation": [*row[4:], row[3]],
+            },
+        ),
         "what are they",
     ),
     "called as in quaternions": (of_angles("X,Y,Z,Rot X,Rot Y,Rot Z"), "what are they"),
-    "one title twice": (listed("X,X,Z,A,B,C"), "X, X, Z"),
     "two depths": (listed("Breite,Tiefe,Höhe,a,b,c"), "what are they"),
-    "doubled angles": (angles_twice("abcabc"), "which of those called alike"),
-    "two conventions": (angles_twice("abcwpr"), "KUKA angles or FANUC angles"),
+    "doubled angles": (
+        chosen("x,y,z,a,b,c,a,b,c", *range(6), 3, 4, 5),
+        "which of those called alike",
+    ),
+    "two conventions": (
+        chosen("x,y,z,a,b,c,w,p,r", *range(6), 3, 4, 5),
+        "KUKA angles or FANUC angles",
+    ),
     "in cm": (listed("x,y,z,a,b,c", scale=0.1), "up to 101.7; cm, in or mm"),
     "of tcp": (listed("x_tcp,y_tcp,z_tcp,a_tcp,b_tcp,c_tcp"), "poses of tcp"),
-    "radians in a program": (xarm, "rad or deg"),
+    "radians in a program": (xarm_in_radians, "rad or deg"),
     "no titles": (of_angles("", scale=0.001, angle=np.pi / 180), "what are they"),
-    "radians": (of_angles("x,y,z,w,p,r", angle=np.pi / 180), "rad or deg"),
     "radians in files": (a_file_each, "rad or deg"),
     "a vector in degrees": (of_angles("x,y,z,rx [deg],ry [deg],rz [deg]"), "convert"),
     "quaternions": (of_quaternions("x,y,z,q1,q2,q3,q4"), "what are they"),
-    "two positions": (two_positions, "which of those called alike"),
+    "two positions": (
+        chosen("x,y,z,tx,ty,tz,a,b,c", 0, 1, 2, *range(6)),
+        "which of those called alike",
+    ),
     "one unknown": (of_quaternions("x,y,z,Quaternion V,qx,qy,qz"), "V, qx, qy, qz"),
     "a tool that no line uses": (declared, "is declared, and no line"),
     "two poses": (people.beside(one=poses, two=people.poses_of_tool), "one or two"),
     "of a camera": (of_camera, "poses are of cam"),
-    "angles first": (angles_first, "longer than pi; are they w, p, r?"),
+    "angles first": (
+        chosen("rx,ry,rz,x,y,z", 3, 4, 5, 0, 1, 2, convention="FANUC angles"),
+        "longer than pi; are they w, p, r?",
+    ),
     "two arrays": (tum, two_arrays, "left_points_1,left_points_2 or right"),
     "two frames in turn": (transforms, "tools tool0, camera_link"),
     "no columns": (tum, each(titles="", columns=("7",)), "1, 2, 3; a row is 7.0, "),
@@ -283,7 +245,7 @@ FOLDERS |= {
         csv,
         each("scan_{:03d}_frame0.csv"),
         each("scan_{:03d}_frame1.csv"),
-        "of one pose",
+        "(all: 'scan_*_frame*.*')",
     ),
     "two families": (
         csv,
@@ -340,33 +302,41 @@ FOLDERS |= {
     "milliseconds": (
         log_with_stops,
         named_by_the_clock,
-        a_file("scan_2023-11-14_22-13-23.1.csv", "x,z\n1,100\n2,100\n"),
-        "up to 0.1 s apart; left out, without a pose: scan_2023-11-14_22-13-23.1",
+        a_file("scan_2023-11-14T22:13:23.100.csv", "x,z\n1,100\n2,100\n"),
+        "up to 0.1 s apart; left out, without a pose: scan_2023-11-14T22:13:23.100",
     ),
     "numbers like dates": (
         listed("time,x,y,z,a,b,c", SINCE_1970, order=BACKWARDS),
         each("17200312{:02}141500000.csv"),
         "up to 0 s apart",
     ),
-    "points": (in_one_table, nothing, "in order"),
     "points of nobody": (
-        functools.partial(in_one_table, titles="x,y,z,qw,qx,qy,qz,px,pz"),
+        in_one_table,
         nothing,
         "in order",
     ),
-    "rows": (in_rows, nothing, "in order"),
     "JSON": (
-        in_json(lambda points: {"points": points.tolist()}),
+        people.in_json("c{:02d}.json", capture(np.ndarray.tolist)),
         nothing,
         "by file and the names",
     ),
-    "JSON by axes": (in_json(by_axes), nothing, "by file and the names"),
+    "JSON by axes": (
+        people.in_json("c{:02d}.json", capture(by_axes)),
+        nothing,
+        "by file and the names",
+    ),
     "a speed": (
         listed("speed,X,Y,Z,A,B,C", 12 * [100]),
         each("v100_{:02}.csv"),
         "in order",
     ),
-    "samples": (in_one_json, nothing, "in order"),
+    "samples": (
+        people.in_json(
+            "c.json", capture(lambda points: [{"x": x, "z": z} for x, z in points])
+        ),
+        nothing,
+        "in order",
+    ),
     "sheets": (csv, sheets, "by Name and the names"),
     "driven backwards": (
         functools.partial(abb, backwards=True),
@@ -376,17 +346,17 @@ FOLDERS |= {
         listed("x,y,z,rx,ry,rz", convention="rotation vector"),
         "rx, ry, rz: a rotation vector",
     ),
-    "a base": (
-        kuka,
-        one_each,
-        edited("scan.dat", "BASE_NO 0", "BASE_NO 2", 12),
-        "in base 2, not taken off",
-    ),
     "an offset": (
         abb,
         one_each,
         edited("scan.mod", "MoveL p", "MoveL RelTool(p", 12),
         "taken off; in base wball, not taken off; moves beside poses",
+    ),
+    "no frame": (
+        abb,
+        one_each,
+        edited("scan.mod", "tooldata tScan", "tooldata tOther"),
+        "tool tscan, of which 0 frames",
     ),
     "a frame beside": (people.robot_states, "one at [0.012, -0.035, 0.18]"),
     "a frame with a name": (
@@ -406,6 +376,7 @@ def test_a_folder_is_read_at_once_or_by_the_line_that_is_printed(name, tmp_path)
     assert words in said
     question, _, line = said.rpartition("\nprofilecal import ")
     if question:
+        line = line.replace("X Y Z A B C", "12 -35 180 10 -20 30")
         pasted = run("import", *shlex.split(line))
         assert pasted.exit_code == 0, pasted.output
     check_scan(tmp_path / "scan")
@@ -441,36 +412,21 @@ TOOL_OF_ABB = (
 ON_TOOL_3 = edited("CALIB.LS", "UT : 0", "UT : 3", 12)
 
 
-def heights(folder):
-    """In rows that begin with their number."""
-    rows = [[k, *points[:, 1]] for k, points in enumerate(scan().values)]
-    write_table(folder / "z.csv", "", rows)
+def heights(label, between):
+    """In rows that begin with a label."""
+
+    def write(folder):
+        rows = [text(z, between) for z in np.array(scan().values)[..., 1]]
+        lines = [f"{label}{k}{between}{row}" for k, row in enumerate(rows)]
+        lines = [line.replace(".", ",") for line in lines] if label else lines
+        write_lines(folder / "z.csv", lines)
+
+    return write
 
 
 def cut_short(folder):
     """A text in UTF-16, within a letter."""
     (folder / "notes.txt").write_bytes("notes".encode("utf-16")[:-1])
-
-
-def heights_behind_names(folder):
-    """In rows that begin with the name of their pose."""
-    rows = [[f"XP{k}", *points[:, 1]] for k, points in enumerate(scan().values)]
-    lines = [";".join(map(str, row)).replace(".", ",") for row in rows]
-    write_lines(folder / "z.csv", lines)
-
-
-def labels_lost(folder):
-    """Below a blank line."""
-    lines = (folder / "robot.csv").read_text().splitlines()
-    rest = [line.partition(";")[2] for line in lines[9:]]
-    write_lines(folder / "robot.csv", [*lines[:9], "", *rest])
-
-
-def without_a_pose(folder):
-    matrices = people.matrices_of_poses().tolist()
-    rows = [{"id": k, "T": T} for k, T in enumerate(matrices)]
-    del rows[7]["T"]
-    (folder / "poses.json").write_text(json.dumps(rows))
 
 
 def sheet_with_a_word(folder):
@@ -484,12 +440,6 @@ SAID = {
         tum,
         a_file("points.csv", "x,z\n" + "".join(f"{k},100\n" for k in range(12))),
         "X 0.0 to 11.0, Z 100.0 to 100.0 mm",
-    ),
-    "no frame": (
-        abb,
-        one_each,
-        edited("scan.mod", "tooldata tScan", "tooldata tOther"),
-        "tool tscan, of which 0 frames",
     ),
     "a frame in the program": (
         kuka,
@@ -514,7 +464,6 @@ SAID = {
         "scan_*.csv",
         "files left out… notes.txt… one at [12.0, 0.0, 0.0], taken off",
     ),
-    "a line": (fanuc, one_each, ON_TOOL_3, "tool 3, of which 0 frames are here"),
     "two frames of one tool": (
         abb,
         one_each,
@@ -550,13 +499,20 @@ SAID = {
         one_each,
         each("scan_{:03d}_2.csv"),
         "--profiles",
-        "scan_*",
+        "scan_*.*",
         "/ written",
     ),
-    "heights": (tum, heights, "--x", "0", "2", "X 0.0 to 38.0, Z 85.5 to 138.9 mm"),
+    "heights": (
+        tum,
+        heights("", ","),
+        "--x",
+        "0",
+        "2",
+        "X 0.0 to 38.0, Z 85.5 to 138.9 mm",
+    ),
     "heights behind names": (
         listed(GERMAN.format("Messung"), BY_XP, order=BACKWARDS),
-        heights_behind_names,
+        heights("XP", ";"),
         "--x",
         "0",
         "2",
@@ -564,7 +520,7 @@ SAID = {
     ),
     "a word in heights": (
         tum,
-        heights,
+        heights("", ","),
         edited("z.csv", "\n5,", "\noops,"),
         "--x",
         "0",
@@ -607,7 +563,12 @@ SAID = {
         edited("robot.csv", "scan_005;", "scan_099;1;2\nscan_005;"),
         "line …: 3 fields; expected 7",
     ),
-    "labels lost": (csv, one_each, labels_lost, "line 11: 6 fields; expected 7"),
+    "a label lost": (
+        csv,
+        one_each,
+        edited("robot.csv", "scan_005;", "\n"),
+        "6 fields; expected 7",
+    ),
     "a label twice": (
         csv,
         one_each,
@@ -629,7 +590,12 @@ SAID = {
         listed("Zeile,Bahnpunkt,X,Y,Z,A,B,C", [f"{11 - k},{k}" for k in range(12)]),
         "by Zeile and the number 1 … or by Bahnpunkt and the number 1",
     ),
-    "a sample without a pose": (without_a_pose, "line 8: T_4 is empty"),
+    "a sample without a pose": (
+        of_images,
+        one_each,
+        edited("poses.json", '"tvec": [', '"lost": ['),
+        "line 1: tvec_1 is empty",
+    ),
     "another clock": (
         tum,
         each("17000072{:02}.csv"),
@@ -668,25 +634,9 @@ SAID = {
         each(titles="x,z [furlong]"),
         "units are furlong; expected: mm, cm, m, um",
     ),
-    "a vector in degrees": (
-        listed("x,y,z,rx,ry,rz"),
-        "rad is longer than pi; are they w, p, r? … --pose-columns",
-    ),
-    "other tool": (
-        fanuc,
-        one_each,
-        edited("CALIB.LS", "UT : 0", "UT : 3"),
-        "tools 3, 0",
-    ),
-    "word": (
-        csv,
-        one_each,
-        edited("scan_001.csv", "x,z", "x,z\n1,2\n3,oops"),
-        "scan_001.csv line 3: z is 'oops'; exp",
-    ),
     "open list": (
         fanuc,
-        people.lists,
+        PROFILES["lists"],
         edited("p2.yml", " ]", ""),
         "p2.yml: … cut short",
     ),
@@ -832,17 +782,16 @@ def test_a_long_file_takes_five_times_its_size_of_memory(tmp_path):
 # in motion
 
 
-@pytest.mark.parametrize(("unit", "scale"), [("", 1), (" [ms]", 1000)])
-def test_a_log_and_profiles_are_a_scan_in_motion(unit, scale, tmp_path):
+def test_a_log_and_profiles_are_a_scan_in_motion(tmp_path):
     """By the scanner's clock, or of its first sweep by a rate."""
     motion = {"sweeps": 3, "profiles": 8, "turn_deg": 5.0}
     driven = scan_of("plane", motion=motion, scanner={"points": 60})
     turned = from_rotations(named("quaternion"), driven.log.R)
-    rows = np.column_stack([scale * driven.log.t, driven.log.p, turned])
-    write_table(tmp_path / "robot.csv", f"t{unit},x,y,z,qw,qx,qy,qz", rows)
+    rows = np.column_stack([1e3 * driven.log.t, driven.log.p, turned])
+    write_table(tmp_path / "robot.csv", "t [ms],x,y,z,qw,qx,qy,qz", rows)
     pairs = zip(driven.times, driven.values, strict=True)
-    points = [[scale * t, *point] for t, own in pairs for point in own]
-    write_table(tmp_path / "all.csv", f"time{unit},x,z", points)
+    points = [[1e3 * t, *point] for t, own in pairs for point in own]
+    write_table(tmp_path / "all.csv", "time [ms],x,z", points)
     imported, taken = import_scan(tmp_path, "plane", {})
     assert "by time, in motion" in taken["matched"]
     assert imported.labels == driven.labels
@@ -856,18 +805,6 @@ def test_a_log_and_profiles_are_a_scan_in_motion(unit, scale, tmp_path):
     for times in ((start, 0.0), (start + 1000, rate)):
         with pytest.raises(ScanError, match="--times"):
             import_scan(tmp_path, "plane", {}, Layout(times=times))
-
-
-def test_points_with_a_time_and_a_pose_are_a_scan_in_motion(tmp_path):
-    driven = scan_of("edge", motion={"sweeps": 3, "profiles": 20})
-    R, p, _ = driven.log.at(driven.times)
-    turned = from_rotations(named("quaternion"), R)
-    rows = [driven.times, p, turned, np.concatenate(driven.values)]
-    titles = "t,tcp_x,tcp_y,tcp_z,tcp_qw,tcp_qx,tcp_qy,tcp_qz,scan x [mm],scan z [mm]"
-    write_table(tmp_path / "all.csv", titles, np.column_stack(rows))
-    imported, _ = import_scan(tmp_path, "edge", {})
-    assert_allclose(imported.times, driven.times, atol=1e-9)
-    assert_allclose(imported.p_base_flange, p, atol=1e-6)
 
 
 # real ones
