@@ -71,9 +71,8 @@ class Layout:
 def ranges(axes: str, points: ndarray) -> str:
     """Where points (n, axes) are, mm: X 1.0 to 2.0, Z 3.0 to 4.0 mm."""
     ends = zip(axes, np.nanmin(points, axis=0), np.nanmax(points, axis=0), strict=True)
-    return (
-        ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in ends) + " mm"
-    )
+    parts = [f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in ends]
+    return f"{', '.join(parts)} mm"
 
 
 def one_or_ask(place: Any, names: Sequence[str], what: str, option: str) -> str:

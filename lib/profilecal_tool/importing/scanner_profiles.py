@@ -309,22 +309,27 @@ def check_size(path: Path, xz: ndarray, scale: float, is_said: bool) -> None:
 
 
 def check_codes(path: Path, xz: ndarray, layout: Layout) -> None:
-    """Raise Question where a height may stand for nothing seen: it is farther from all
-    other points than these are from each other, and recurs, is very large or all
-    nines; or several points are 0, 0.
-    """
+    """Raise Question where a height may stand for nothing seen."""
     z = xz[:, 1]
     for code in (0.0, z.min(), z.max()):
-        others = xz[z != code]
-        count = len(z) - len(others)
-        recurs = count > 1 or abs(code) >= FARTHEST_MM or {*f"{code:g}"} <= {*"-9."}
-        is_far = len(others) > 1 and (
-            np.abs(others[:, 1] - code).min() > np.ptp(others, axis=0).max()
-        )
-        is_origin = code == 0 and (xz == 0).all(axis=1).sum() > 1
-        if (recurs and is_far) or is_origin:
+        if is_likely_code(xz, code):
+            count = np.count_nonzero(z == code)
             found = f"{path}: z is {code:.12g} at {count} of {len(z)} points"
             if layout.missing is not None:
                 raise ScanError(f"{found}: a second code? leave them blank")
             hint = "was nothing seen there? (else: --missing 1e9)"
             raise Question(f"{found}; {hint}", missing=code)
+
+
+def is_likely_code(xz: ndarray, code: float) -> bool:
+    """Whether a height is farther from all other points than these are from each other,
+    and recurs, is very large or all nines; or it is 0, and several points are 0, 0.
+    """
+    if code == 0 and np.count_nonzero((xz == 0).all(axis=1)) > 1:
+        return True
+    others = xz[xz[:, 1] != code]
+    recurs = len(xz) - len(others) > 1
+    is_odd = recurs or abs(code) >= FARTHEST_MM or {*f"{code:g}"} <= {*"-9."}
+    if len(others) < 2 or not is_odd:
+        return False
+    return np.abs(others[:, 1] - code).min() > np.ptp(others, axis=0).max()

@@ -412,14 +412,14 @@ TOOL_OF_ABB = (
 ON_TOOL_3 = edited("CALIB.LS", "UT : 0", "UT : 3", 12)
 
 
-def heights(label, between):
-    """In rows that begin with a label."""
+def heights(label, between, head=""):
+    """In rows that begin with a label, below what is said of them."""
 
     def write(folder):
         rows = [text(z, between) for z in np.array(scan().values)[..., 1]]
         lines = [f"{label}{k}{between}{row}" for k, row in enumerate(rows)]
         lines = [line.replace(".", ",") for line in lines] if label else lines
-        write_lines(folder / "z.csv", lines)
+        write_lines(folder / "z.csv", [head, *lines])
 
     return write
 
@@ -512,10 +512,7 @@ SAID = {
     ),
     "heights behind names": (
         listed(GERMAN.format("Messung"), BY_XP, order=BACKWARDS),
-        heights("XP", ";"),
-        "--x",
-        "0",
-        "2",
+        heights("XP", ";", "X start [mm];0\nX pitch [mm];2,0"),
         "X 0.0 to 38.0, Z 85.5 to 138.9 mm… by Messung and the names",
     ),
     "a word in heights": (
@@ -525,7 +522,7 @@ SAID = {
         "--x",
         "0",
         "2",
-        "z.csv line 6: column 1 is 'oops'",
+        "z.csv line 7: column 1 is 'oops'",
     ),
     "rows": (tum, "--where", "y=0", "no rows where y=0; the columns are … x, z"),
     "no rows": (tum, "--where", "x=999", "no profiles in rows where x=999"),
