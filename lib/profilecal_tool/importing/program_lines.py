@@ -13,11 +13,7 @@ LARGEST_PROGRAM = 2_000_000  # characters; what is longer is a table
 OF_MOVES = {"uses", "moved"}  # kinds of lines that may have a pose in them too
 WORD = r"[\w$][\w$.\[\]]*?"  # what stands where $name, $tool or $base does
 CELL = r"[^\s,;:()\[\]{}\"'=]+"  # a number, or ******** in place of one
-SIGNS = {
-    "…": r"[^{};<>\n]*?",
-    "⋮": r"[^{};<>]*?",
-    "^": r"^[ \t]*(?:\d+[ \t]+)??",
-}
+SIGNS = {"…": r"[^{};<>\n]*?", "⋮": r"[^{};<>]*?", "^": r"^[ \t]*(?:\d+[ \t]+)??"}
 
 
 def expression_of(line: str) -> re.Pattern:

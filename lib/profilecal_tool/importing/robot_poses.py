@@ -73,25 +73,11 @@ def robot_poses(files: Files, layout: Layout) -> Block:
             raise question_on_file(path, blocks, layout.pose_columns)
         parts += parts_called(found, layout.entry, "flange", "is the robot's pose")
     first = parts[0]
-    is_asked_for = layout.entry and layout.entry.lower() in first.called.lower()
-    if is_of_other(first.called) and not is_asked_for:
-        sentence = f"{first.path}: poses are of {first.called}; are they the flange's?"
-        raise Question(sentence, entry=first.called)
-    called = f"{first.path.name} {first.called}".strip()
-    if any(word in called.lower() for word in WORDS["inverse"]):
-        raise ScanError(
-            f"{first.path.parent}: {called} is called as the inverse: invert or rename"
-        )
-    # a second x or z may be a profile's
-    for column in first.having("y", *first.convention.columns):
-        if column.owner == first.chosen[column.role].owner:
-            alike = "which of those called alike?"
-            raise question_on_columns(first, alike, first.columns)
+    check_whose(first, layout.entry.lower())
     for part in parts:
         if part.titles != first.titles:
-            raise ScanError(
-                f"{part.path}: columns {listed(part.titles)}, where others differ"
-            )
+            found = f"columns {listed(part.titles)}, where others differ"
+            raise ScanError(f"{part.path}: {found}")
     table = concat([part.table for part in parts])
     if len(files) == 1:
         return replace(first, table=table)
@@ -103,6 +89,25 @@ def robot_poses(files: Files, layout: Layout) -> Block:
     table.index = [f"{line} of {path.name}" for line, path in pairs]
     titles = [*first.titles, "file"]
     return replace(first, path=Path(commonpath(files)), table=table, titles=titles)
+
+
+def check_whose(poses: Block, entry: str) -> None:
+    """Raise Question where poses are of something else than the robot, and that is not
+    the entry, or where columns are called alike; ScanError where they are inverses.
+    """
+    is_asked_for = entry and entry in poses.called.lower()
+    if is_of_other(poses.called) and not is_asked_for:
+        sentence = f"{poses.path}: poses are of {poses.called}; are they the flange's?"
+        raise Question(sentence, entry=poses.called)
+    called = f"{poses.path.name} {poses.called}".strip()
+    if any(word in called.lower() for word in WORDS["inverse"]):
+        found = f"{called} is called as the inverse: invert or rename"
+        raise ScanError(f"{poses.path.parent}: {found}")
+    # a second x or z may be a profile's
+    for column in poses.having("y", *poses.convention.columns):
+        if column.owner == poses.chosen[column.role].owner:
+            alike = "which of those called alike?"
+            raise question_on_columns(poses, alike, poses.columns)
 
 
 def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:

@@ -58,9 +58,7 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     known = [c.role for c in block.columns] if block.is_bare else block.titles
     titles = [*(known[at] for at in beside), "nth", "profile x", "profile z"]
     table = beside.loc[beside.index.repeat(len(z))].assign(
-        nth=np.arange(len(heights)).repeat(len(z)),
-        x=places.ravel(),
-        z=heights.ravel(),
+        nth=np.arange(len(heights)).repeat(len(z)), x=places.ravel(), z=heights.ravel()
     )
     table.columns = range(len(titles))
     return replace(block, table=table, titles=titles)

@@ -12,7 +12,6 @@ import sys
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import peoples_files as people
@@ -231,16 +230,8 @@ FOLDERS |= {
         each(titles="sensor,x,z", columns=("0.0", "1.0")),
         "sensor is 0.0 to 1.0",
     ),
-    "along y": (
-        tum,
-        each(titles="x,y,z", columns=("0",)),
-        "x always the same",
-    ),
-    "a cloud": (
-        tum,
-        each(titles="y,x,z", columns=("-2", "0", "2")),
-        "y is -2 to 2",
-    ),
+    "along y": (tum, each(titles="x,y,z", columns=("0",)), "x always the same"),
+    "a cloud": (tum, each(titles="y,x,z", columns=("-2", "0", "2")), "y is -2 to 2"),
     "several of a pose": (
         csv,
         each("scan_{:03d}_frame0.csv"),
@@ -310,11 +301,7 @@ FOLDERS |= {
         each("17200312{:02}141500000.csv"),
         "up to 0 s apart",
     ),
-    "points of nobody": (
-        in_one_table,
-        nothing,
-        "in order",
-    ),
+    "points of nobody": (in_one_table, nothing, "in order"),
     "JSON": (
         people.in_json("c{:02d}.json", capture(np.ndarray.tolist)),
         nothing,
@@ -614,18 +601,8 @@ SAID = {
         a_file("pose5.txt", "1 0 0 nan\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"),
         "line 1 of pose5.txt: column 4 is empty",
     ),
-    "fewer": (
-        tum,
-        one_each,
-        removed("scan_003.csv"),
-        "11 profiles for 12 poses",
-    ),
-    "units": (
-        csv,
-        one_each,
-        edited("robot.csv", "Y [mm]", "Y [m]"),
-        "units are m, mm",
-    ),
+    "fewer": (tum, one_each, removed("scan_003.csv"), "11 profiles for 12 poses"),
+    "units": (csv, one_each, edited("robot.csv", "Y [mm]", "Y [m]"), "units are m, mm"),
     "a unit that is none": (
         tum,
         each(titles="x,z [furlong]"),
@@ -657,7 +634,7 @@ def corrupted(folder, rng):
     """One file changed as disks, editors and people do."""
     path = rng.choice([path for path in folder.iterdir() if path.stat().st_size])
     files = {path.name: path.read_bytes()}
-    CORRUPTIONS[rng.choice(CHANGES)](rng, SimpleNamespace(files=files))
+    CORRUPTIONS[rng.choice(CHANGES)](rng, files)
     path.write_bytes(files[path.name])
 
 
