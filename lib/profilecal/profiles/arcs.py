@@ -151,6 +151,9 @@ class RodSections:
         return ""
 
 
+Kind = BallSections | RodSections
+
+
 def find_balls(profiles: Profiles, radius: float) -> list[Feature]:
     """The arc of the ball in each profile (n, 2), mm, as means over points."""
     return in_each(profiles, find_arc, BallSections(radius))
@@ -161,7 +164,7 @@ def find_rods(profiles: Profiles, radius: float) -> list[Feature]:
     return in_each(profiles, find_arc, RodSections(radius))
 
 
-def find_arc(profile: ndarray, kind: BallSections | RodSections) -> Feature:
+def find_arc(profile: ndarray, kind: Kind) -> Feature:
     """The arc that a profile (n, 2) shows of a kind, as means over its points.
 
     The search begins with a circle, which the kind's own curve refines.
@@ -194,7 +197,7 @@ def arc_among(
     points: ndarray,
     circles: ndarray,
     limit: float,
-    kind: BallSections | RodSections,
+    kind: Kind,
     least: int = LEAST_ARC_POINTS,
 ) -> tuple[Section, ndarray] | str:
     """The longest arc of a kind that points (k, 2) show, and which of them are on it,
@@ -223,7 +226,7 @@ def refined(
     curve: Section,
     points: ndarray,
     limit: float,
-    kind: BallSections | RodSections,
+    kind: Kind,
     least: int,
 ) -> tuple[Section, ndarray] | None:
     """A curve fitted to the longest arc of points (k, 2) on it, until that stays the

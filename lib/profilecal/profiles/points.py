@@ -93,8 +93,6 @@ def surface(profile: ndarray) -> tuple[ndarray, float]:
     limit = tolerance(z)
     if limit == LARGEST_TOLERANCE:
         return np.arange(0), limit
-    if len(z) < 7:
-        return np.arange(len(z)), limit
     outline = median_filter(z, 7, mode="nearest")
     return np.flatnonzero(np.abs(z - outline) <= 5 * limit), limit  # far beyond noise
 

@@ -102,10 +102,8 @@ def straight_runs(profile: ndarray, uneven: float = 0.0) -> list[Run]:
     shortest = 1.5  # mm
     rows, limit = surface(profile)
     limit = max(limit, uneven)
-    points = profile.take(rows, axis=0)
-    pieces = split(points, limit)
     runs = []
-    for piece in pieces:
+    for piece in split(profile.take(rows, axis=0), limit):
         run = run_through(profile, rows[piece], limit)
         between = run.rows[-1] - run.rows[0] + 1
         is_dense = len(run.rows) >= max(LEAST_POINTS, between / 2)
