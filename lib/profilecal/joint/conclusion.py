@@ -69,7 +69,11 @@ def at_the_mean(estimated: Estimate, prior: Prior) -> Solution:
     square = (of_flange + of_rest) / problem.counts_or_1
     dof = max(int(model.counts[model.kept].sum()) - n, 1)
     enlargement, messages = enlargement_by_misfit(prior, chi2, dof)
-    sizes = sizes.enlarged_by(enlargement)
+    sizes = replace(
+        sizes,
+        covariance=enlargement * sizes.covariance,
+        enlarged=enlargement * sizes.enlarged,
+    )
     rank = spectrum(posterior.normal[0, :n, :n], problem.units).rank
     observability = of_covariance(sizes.covariance[:6, :6], rank, n)
     return Solution(

@@ -87,11 +87,6 @@ class ErrorSizes:
         names = [size.name for size in self.sizes[1:]]
         return dict(zip(names, np.sqrt(self.mean_v[1:]).tolist(), strict=True))
 
-    def enlarged_by(self, factor: float) -> "ErrorSizes":
-        """The same with a covariance so many times as large."""
-        covariance = factor * self.covariance
-        return replace(self, covariance=covariance, enlarged=factor * self.enlarged)
-
 
 @dataclass(frozen=True)
 class Likeliest:
@@ -344,7 +339,7 @@ def of_scanners(model: LinearModel, law: Law, likely: Likeliest) -> Belief:
     log_odds = np.log(np.where(poor.any(axis=1), POOR, 1.0))
     at_peak = log_odds + model.rescaled(likely.posterior, POORER**poor)[0][:, 0]
     best = poor[np.argmax(at_peak)]
-    if best.any():
+    if best.any():  # the draws are to be those of this belief
         times = POORER**best
         precision = model.precision / np.outer(times, times)
         model = replace(model, precision=precision)
