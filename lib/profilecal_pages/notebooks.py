@@ -300,8 +300,7 @@ def reproduce(
     check_parameters(values, list(declared.values()))
     clear(output)
     executed.mkdir(parents=True)
-    about = {"notebooks": [path.stem for path in paths], "parameters": given}
-    (output / MARKER).write_text(json.dumps(about))
+    (output / MARKER).write_text(json.dumps({"parameters": given}))
 
     places = {"results_dir": str(output), "executed_dir": str(executed)}
     jobs: dict[bool, dict] = {False: {}, True: {}}  # by whether it reads the others

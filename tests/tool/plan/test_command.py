@@ -16,6 +16,7 @@ from simulated import printed_square, scan_of
 
 import profilecal as pc
 from profilecal.scan.toml import read_toml
+from profilecal_tool.plan.candidates import off_square
 from profilecal_tool.plan.task import read_task
 
 MANY = ("poses = 8", "poses = 40")  # fewer hardly show how large the robot's errors are
@@ -121,7 +122,10 @@ def test_a_plan_after_a_scan_counts_with_the_robot_errors_that_it_shows(tmp_path
         scan = scan_of("edge", seed=3, positions=3, noise=noise)
         folder = tmp_path / f"{position_mm}"
         pc.write_scan(replace(scan, noise={}), folder)
-        predicted.append(read_task(folder, poses=3).plan().predicted.mm)
+        task = read_task(folder, poses=3)
+        predicted.append(task.plan().predicted.mm)
+    _, _, aside = off_square(task.model, *task.model.before)
+    assert task.model.limits.extent_mm == aside.max() > 20  # mm, where it was seen
     assert predicted[1] > 4 * predicted[0]
 
 
