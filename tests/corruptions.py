@@ -104,19 +104,6 @@ def other_separators(rng, content):
     return content.replace(b".", b",") if rng.uniform() < 0.5 else content
 
 
-SMUGGLED = [
-    *(b'"', b"\0", b"\x1a", b",", b"#", b"\r", b"\n"),
-    *(b"nan", b"\xff", b"-", b"e", b"[", b"1e999", b"1_0"),
-]
-
-
-@corruption(on_bytes)
-def something_inserted(rng, content):
-    for i in sorted(some(rng, len(content), 1, 5).tolist(), reverse=True):
-        content = content[:i] + one(rng, SMUGGLED) + content[i:]
-    return content
-
-
 NASTY = [
     *(0, -1, 1e-300, 1e308, 1e400, float("nan"), -0.0, True, "", "edge", "50"),
     *([], [1.0], {}, 10**400, 1, 25.0, 3000.0, "é" * 3000, "m", "mm", "eye-to-hand"),

@@ -122,11 +122,11 @@ def read_scan(folder: str | Path) -> Scan:
     if not moving or is_file(folder / "poses.csv"):
         at_rest = read_poses(folder / "poses.csv", scale, header["side"])
     entries = header | at_rest | read_measurements(folder, at_rest, scale, moving)
+    sides = np.full(len(entries["values"]), header["side"])
+    sides[: len(at_rest["side"])] = at_rest["side"]
     if moving:
-        sides = np.full(len(entries["times"]), header["side"])
-        sides[: len(at_rest["side"])] = at_rest["side"]
-        entries |= read_log(log, scale) | {"side": sides}
-    return scan_of(folder, entries)
+        entries |= read_log(log, scale)
+    return scan_of(folder, entries | {"side": sides})
 
 
 def scan_of(folder: Path, entries: Entries) -> Scan:
@@ -287,11 +287,13 @@ def read_measurements(
     # the rows of each pose together, in the order of the file
     rows = numbers[np.argsort(pose, kind="stable")]
     ends = np.cumsum(np.bincount(pose, minlength=len(number)))
-    seen = {"measured": path.stem, "values": tuple(np.split(rows, ends[:-1]))}
-    if not moving:
-        return seen
     sweeps, times = zip(*moment.values(), strict=True)
-    return seen | {"sweeps": sweeps, "times": np.array(times)}
+    return {
+        "measured": path.stem,
+        "values": tuple(np.split(rows, ends[:-1])),
+        "sweeps": sweeps,
+        "times": np.array(times),
+    }
 
 
 def moments(table: Table) -> tuple[ndarray, dict[str, tuple[str, float]]]:

@@ -292,16 +292,13 @@ class Scan:
                 f"a target of kind {self.kind!r} needs {' or '.join(expected)}, "
                 f"not {self.measured}"
             )
-        columns = len(MEASURED[self.measured])
-        for k, rows in enumerate(self.values):
-            if rows.shape[1:] != (columns,):
-                check_array(f"values[{k}]", rows, (None, columns), finite=False)
-        every = np.concatenate([np.empty((0, columns)), *self.values])
-        check_readings(self.measured, every, (None, columns), finite=False)
         counts = np.array([*map(len, self.values)])
         most = counts.max(initial=0)
         if not most:
             raise ValueError(f"no rows of {self.measured}; expected what was seen")
+        shape = None, len(MEASURED[self.measured])
+        every = np.concatenate(self.values)
+        check_readings(self.measured, every, shape, finite=False)
         if self.measured != "profiles" and most > 1:
             raise ValueError(
                 f"pose {self.labels[counts.argmax()]!r} has {most} rows of "
@@ -441,7 +438,7 @@ def described(kind: str, sizes: Sequence[float]) -> str:
 
 def groups_of(group: Any, R: ndarray) -> ndarray:
     """Numbers from 0 of groups that are given, or else of those of orientations."""
-    if group is None or not np.size(group):
+    if group is None:
         return rotation_groups(R)
     return np.unique(group, return_inverse=True)[1]
 

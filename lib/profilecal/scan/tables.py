@@ -350,7 +350,7 @@ def write_table(path: Path, columns: Mapping[str, Sequence]) -> None:
     to all; NaN as an empty cell.
     """
     arrays = {name: np.asarray(values) for name, values in columns.items()}
-    rows = max(map(len, arrays.values()), default=0)
+    rows = max(map(len, arrays.values()))
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)

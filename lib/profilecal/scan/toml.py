@@ -31,11 +31,6 @@ Entries = dict[str, Any]
 Rule = tuple[Callable[[Any], bool], str]
 
 
-def is_line(value: Any) -> bool:
-    """Whether a value is one line of text, not too long."""
-    return isinstance(value, str) and value.isprintable() and len(value) <= 200
-
-
 def number(low: float = 0.0, high: float = 1e6, kind: type = Real) -> Rule:
     """A number of a kind within these limits."""
 
@@ -73,7 +68,10 @@ def one_of(choices: Collection[Any]) -> Rule:
 
 
 TABLE: Rule = (lambda value: isinstance(value, Mapping), "a table")
-TEXT: Rule = (is_line, "one line of text")
+TEXT: Rule = (
+    lambda value: isinstance(value, str) and value.isprintable() and len(value) <= 200,
+    "one line of text",
+)
 Count = Annotated[int, whole(1, 10_000)]
 # of fields that are annotated with a type alone
 USUAL = {dict: TABLE, str: TEXT, int: whole(0, 10_000), float: number()}

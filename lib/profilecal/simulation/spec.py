@@ -289,8 +289,8 @@ def scan_from(
         seen = [spec.scanner.profile(outline, rng) for outline in outlines]
     else:
         exact = setup.target.meet(*planes).reshape(-1, 1, len(MEASURED[measured]))
-        seen = list(exact + spec.noise.profile_mm * rng.normal(size=exact.shape))
-    values = [rows[np.isfinite(rows).all(axis=1)] for rows in seen]
+        seen = [*(exact + spec.noise.profile_mm * rng.normal(size=exact.shape))]
+    values = tuple(rows[np.isfinite(rows).all(axis=1)] for rows in seen)
     if not any(map(len, values)):
         raise ScanError(
             "from none of these poses is anything in the scanner's range: "
@@ -314,7 +314,7 @@ def scan_from(
         title=spec.title or f"simulated {spec.kind}",
         convention=spec.convention,
         measured=measured,
-        values=tuple(values),
+        values=values,
         side=side,
         truth=truth,
         **said,

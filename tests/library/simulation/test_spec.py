@@ -26,7 +26,7 @@ import profilecal as pc
         ),
         ('measured = "chords"', "measured is 'chords'; expected profiles or points"),
         (
-            "[guess]\ntarget = [1, 2, 3]",
+            'poses = "poses.csv"\n[guess]\ntarget = [1, 2, 3]',
             "mount is missing in [guess]; expected 6 numbers",
         ),
         ("kind = ", "spec.toml: Invalid value"),
