@@ -230,8 +230,8 @@ class Scan:
         recorded = None
         with naming("Scan"):
             if (log is None) != (times is None):
-                given = "a log without times" if log else "times without a log"
-                raise ValueError(f"{given}; expected both or neither")
+                given = "times" if log is None else "log"
+                raise ValueError(f"{given} given alone; expected times and log")
             T = rigid("T_base_flange", T_base_flange)
             if log is not None:
                 way = rigid("log T", log[1])
@@ -313,11 +313,11 @@ class Scan:
         ValueError.
         """
         moving, P = self.moving, len(self.times)
-        named = np.array(self.sweeps) != ""
-        if len(named) != P or not named[moving].all():
+        in_sweep = np.array(self.sweeps) != ""
+        if len(in_sweep) != P or not in_sweep[moving].all():
             raise ValueError(
-                f"{named.sum()} of {len(named)} sweeps have a name, for {P} times; "
-                "expected a time and the name of a sweep for each profile"
+                f"{in_sweep.sum()} of {len(in_sweep)} sweeps have a name, for {P} "
+                "times; expected a time and the name of a sweep for each profile"
             )
 
         def of_all(of_rest: Any, of_moving: Any) -> ndarray:

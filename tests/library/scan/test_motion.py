@@ -159,8 +159,8 @@ def test_mistakes_are_named(sentence, folder):
     [
         ({"delay_ms": "30"}, "delay_ms is '30'; expected -200 to 200"),
         ({"delay_ms": np.nan}, "delay_ms is nan; expected -200 to 200"),
-        ({"log": None}, "times without a log; expected both or neither"),
-        ({"times": None}, "a log without times; expected both or neither"),
+        ({"log": None}, "times given alone; expected times and log"),
+        ({"times": None}, "log given alone; expected"),
         ({"sweeps": ["a", " ", "b"]}, "2 of 3 sweeps have a name"),
     ],
 )
