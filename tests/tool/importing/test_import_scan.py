@@ -57,7 +57,7 @@ from profilecal_tool.importing.makers import ROBOTS
 from profilecal_tool.importing.program_lines import matches_of, program_blocks
 
 BACKWARDS = range(11, -1, -1)
-CHANGES = ["bytes_flipped", "cut_short", "other_separators", "something_inserted"]
+CHANGES = ["bytes_flipped", "cut_short", "other_separators"]
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "30"))
 
 
