@@ -119,7 +119,7 @@ def joined(first: Scan, second: Scan, name: str) -> Scan:
         first,
         labels=(*first.labels, *(name + label for label in second.labels)),
         values=first.values + second.values,
-        group=np.array([]),
+        group=None,
         group_given=False,
         orientation=None,
         sweeps=(),
