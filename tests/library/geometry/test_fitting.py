@@ -93,7 +93,8 @@ def test_affine_residuals_are_those_of_the_regression_on_where_the_positions_ext
     offsets = rng.normal(size=(9, dimensions)) @ rng.normal(size=(dimensions, 3))
     values = rng.normal(size=(9, 2))
     present = rng.permutation(9) < count
-    residuals = affine_residuals(offsets + 1000, values, present)
+    positions = offsets + 1000 + 1e-12 * rng.normal(size=(9, 3))
+    residuals = affine_residuals(positions, values, present)
     A = np.column_stack([np.ones(count), offsets[present]])
     fitted = A @ np.linalg.lstsq(A, values[present], rcond=1e-9)[0]
     assert_allclose(residuals[present], values[present] - fitted, atol=1e-9)
