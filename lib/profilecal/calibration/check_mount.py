@@ -241,5 +241,4 @@ def moves_after(
     pick = np.eye(model.p + 1, model.p)  # A, of the columns [A | r]
     shifted = np.append(mean, 1)  # r + A x̄
     columns = np.c_[pick @ L, pick[:, : len(units)] * units, shifted]
-    steps = slice(model.p, model.p + len(units))
-    return evidence(columns.T @ normal @ columns, np.eye(model.p), steps)
+    return evidence(columns.T @ normal @ columns, np.eye(model.p))

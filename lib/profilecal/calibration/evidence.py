@@ -56,14 +56,12 @@ class Evidence:
         return float(-self.slope @ self.likeliest)
 
 
-def evidence(normal: ndarray, precision: ndarray, steps: ndarray | slice) -> Evidence:
-    """What residuals say of the columns `steps` of N (n + k + 1, n + k + 1), `normal`,
-    whose last column is r. `precision` (n, n): Π of the others.
+def evidence(normal: ndarray, precision: ndarray) -> Evidence:
+    """What residuals say of the columns B of `normal`, N (n + k + 1, n + k + 1).
+    `precision` (n, n): Π.
     """
-    last = len(normal) - 1
-    of_steps = np.append(np.arange(last)[steps], last)
-    others = np.setdiff1d(np.arange(last), of_steps)
-    across = normal[np.ix_(others, of_steps)]
-    X = -np.linalg.solve(normal[np.ix_(others, others)] + precision, across)
-    left = normal[np.ix_(of_steps, of_steps)] + across.T @ X
+    n = len(precision)
+    across = normal[:n, n:]
+    X = -np.linalg.solve(normal[:n, :n] + precision, across)
+    left = normal[n:, n:] + across.T @ X
     return Evidence(left[:-1, :-1], left[:-1, -1], left[-1, -1], X[:, :-1])

@@ -56,7 +56,7 @@ class Finding:
 
     error: Perturbation
     correction: float  # that makes the residuals smallest, mm or rad or 1
-    clear: float  # the correction over its standard deviation
+    clear: float  # the size of the correction over its standard deviation
     moves: ndarray  # (6,) how it moves the sensor pose, mm and rad
     not_allowed_for: float  # the chance that the answer did not allow for as much
 
@@ -75,10 +75,10 @@ def systematic_tests(solution: Solution) -> list[Finding]:
     model, posterior = solution.model(tried)
     n, (normal,) = model.p - len(tried), posterior.normal
     with np.errstate(invalid="ignore", divide="ignore"):
-        says = evidence(normal, model.precision[:n, :n], slice(n, None))
+        says = evidence(normal, model.precision[:n, :n])
         corrections, sds = says.each()
         visible = sds**-2 > ABSORBED * np.diag(normal)[n:-1]
-        clear, moves = corrections / sds, (says.moves[:6] * corrections).T
+        clear, moves = abs(corrections / sds), (says.moves[:6] * corrections).T
     # by error considered, the chance that it is far larger than usual
     poor = solution.error_sizes.poor[problem.considered_columns]
     allowed = dict(zip(problem.considered, poor, strict=True))
@@ -109,7 +109,7 @@ def moves_by_scan(solution: Solution) -> list[Evidence]:
         of_mount=0.0,
     )
     (normal,) = wide.posterior(solution.error_sizes.median_v[None]).normal
-    says = evidence(normal, model.precision, slice(model.p, None))
+    says = evidence(normal, model.precision)
     return [says.of(slice(6 * k, 6 * k + 6)) for k in range(count)]
 
 
@@ -227,9 +227,9 @@ def contradictions(solution: Solution) -> tuple[list[str], bool]:
 def clear_findings(findings: list[Finding]) -> list[Finding]:
     """Those that chance does not explain, clearest first."""
     limit = -ndtri(FALSE_ALARM / 2 / (len(findings) or 1))
-    clear = [one for one in findings if abs(one.clear) > limit]
-    clear.sort(key=lambda one: -abs(one.clear))
-    return [one for one in clear if abs(one.clear) > SHADOW * abs(clear[0].clear)]
+    clear = [one for one in findings if one.clear > limit]
+    clear.sort(key=lambda one: -one.clear)
+    return [one for one in clear if one.clear > SHADOW * clear[0].clear]
 
 
 def accusation(guilty: list[Finding]) -> str:
@@ -242,7 +242,7 @@ def accusation(guilty: list[Finding]) -> str:
         remedy = ALLOWED
     return (
         f"the residuals look as if {causes} "
-        f"({abs(clearest.clear):.0f} standard deviations), "
+        f"({clearest.clear:.0f} standard deviations), "
         f"which would move the sensor by up to {brief(shift)} mm and "
         f"{brief(np.degrees(turn))}°; {remedy}"
     )

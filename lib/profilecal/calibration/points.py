@@ -41,19 +41,13 @@ def point_sd(
             q = carry(R_flange.mT, np.zeros(3), q - T_flange)
             C = R_flange.mT @ C @ R_flange
         L = shifting(q)[..., :3, :]
-        C = C + L * robot_variances(solution) @ L.mT
+        # the total covariance has smooth errors
+        sizes = solution.error_sizes.of_robot | {SMOOTH: 0.0}
+        S = sum((by_unit(name) * size) ** 2 for name, size in sizes.items())
+        C = C + L * S @ L.mT
         if not to_hand:
             C = R_flange @ C @ R_flange.mT
     return np.sqrt(np.diagonal(C, axis1=-2, axis2=-1))
-
-
-def robot_variances(solution: Solution) -> ndarray:
-    """Of the flange's shift and turn (6,) at a pose, mm² and rad², without smooth
-    errors, which the total covariance has.
-    """
-    sizes = solution.error_sizes.of_robot | {SMOOTH: 0.0}
-    squares = ((by_unit(name) * size) ** 2 for name, size in sizes.items())
-    return sum(squares, np.zeros(6))
 
 
 def points_seen(solution: Solution) -> ndarray:

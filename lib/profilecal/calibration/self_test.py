@@ -157,7 +157,7 @@ def self_test(found: Calibration, count: int = 100, seed: int = 1) -> SelfTest:
         error = difference(again.pose, solution.pose)
         squares.append(normalised_square(again.covariance, error))
     tests = systematic_tests(solution)
-    chances = {one.words: float(2 * ndtr(-abs(one.clear))) for one in tests}
+    chances = {one.words: float(2 * ndtr(-one.clear)) for one in tests}
     return SelfTest(np.array(squares), chances)
 
 

@@ -117,6 +117,7 @@ def test_a_guess_of_which_only_a_part_is_said_counts_with_that(sd, words, good):
     guess = near(truth.pose, 3)
     right = pc.calibrate(scan, guess, sd)
     assert (right.status, right.messages) == ("ok", ())
+    assert_allclose(right.pose, pc.calibrate(scan).pose, atol=1e-9)
     found = pc.calibrate(WRONG[words](scan), guess, sd)
     assert found.status == "weak"
     assert good in found.messages[0]
