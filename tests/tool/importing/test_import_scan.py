@@ -139,9 +139,9 @@ def sheets(folder):
 
 def a_file_each(folder):
     """In radians."""
-    for k, row in enumerate(poses("FANUC angles")):
+    for k, row in enumerate(poses("KUKA angles")):
         row[3:] = np.radians(row[3:])
-        write_table(folder / f"pose{k}.csv", "x,y,z,w,p,r", [row])
+        write_table(folder / f"pose{k}.csv", "x,y,z,a,b,c", [row])
 
 
 def two_arrays(folder):
