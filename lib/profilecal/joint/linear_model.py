@@ -186,7 +186,7 @@ class LinearModel:
 
     def without_fresh(self) -> "LinearModel":
         """The same of a robot whose errors are smooth alone, whatever the variances of
-        its other errors are.
+        its other errors are. Variances of zero would give the same, more slowly.
 
         The rows that speak of the flange count as rest, whose cached value is replaced.
         No profile is kept among those rows, and none share an error.

@@ -222,8 +222,8 @@ class Residuals:
         elif seen.eye_to_hand:
             motion[:, :3] = -error.positions(-self.T_in_flange[0].T)
         else:
-            shift = error.positions(seen.T_flange[0])[:, None]
-            motion[:, :3] = (shift @ seen.R_flange[0])[:, 0]
+            shift = error.positions(seen.T_flange[0])
+            motion[:, :3] = np.vecmat(shift, seen.R_flange[0])
         return motion
 
     def moved_by(self, error: Callable) -> ndarray:
