@@ -34,7 +34,9 @@ def check_array(
     instead, or with the first entry that is not finite, unless it may be.
     """
     try:
-        array: ndarray = np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)
+        if isinstance(values, np.ma.MaskedArray):
+            values = values.astype(float).filled(np.nan)
+        array = np.asarray(values, dtype=float)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} is no array of numbers: {error}") from error
     fits = array.ndim == len(shape) and all(

@@ -451,14 +451,18 @@ def read_only(values: ndarray) -> ndarray:
 
 
 def rigid(name: str, poses: Any) -> ndarray:
-    """Poses (P, 4, 4), of arrays, which may be rounded, or scipy's; none of None.
+    """Poses (P, 4, 4), of arrays or scipy's; none of None. Matrices that are rounded
+    become rotations; those that are rotations stay as they are, to the last digit.
     Raises ValueError.
     """
     if poses is None:
         return np.empty((0, 4, 4))
     is_rigid = isinstance(poses, RigidTransform)
     T = check_rigid(name, poses.as_matrix() if is_rigid else poses)
-    return homogeneous(nearest_rotation(T[:, :3, :3]), T[:, :3, 3])
+    R = T[:, :3, :3]
+    rounded = np.abs(R.mT @ R - np.eye(3)).max(axis=(1, 2)) > 1e-12
+    R[rounded] = nearest_rotation(R[rounded])
+    return T
 
 
 def the_one_given(**measurements: Any) -> tuple[str, Any]:
