@@ -56,7 +56,7 @@ class Joint:
 
     def of(self, names: list[str]) -> tuple[ndarray, ndarray]:
         """Mean and covariance of these columns, zero of those that it does not have."""
-        mine = np.array([[mine == name for mine in self.columns] for name in names])
+        mine = np.equal.outer(names, self.columns)
         return mine @ self.mean, mine @ self.covariance @ mine.T
 
 
@@ -129,7 +129,8 @@ def are_the_same(prints: Sequence[str], others: Sequence[str]) -> bool:
     """Whether fingerprints are of the same measurements: more than a third of the fewer
     are among the others. Values that are noted roughly may coincide by chance.
 
-    Where only the first of many are known, none behind the last of these count.
+    Where only the first of many are known, none behind the last of these count; where
+    all are, all do, as no hexadecimal digit is behind "g".
     """
     both = prints, others
     last = min((own[-1] for own in both if len(own) == MOST_PRINTS), default="g")

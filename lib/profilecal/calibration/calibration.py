@@ -277,11 +277,11 @@ class Calibration:
             "joint": known and joint_entries(self.solution),
         }
         if solution and solution.delay_s is not None:
-            given = any(one.delay_ms is not None for one in self.scans if one.log)
+            is_open = solution.problem.delay_is_open
             entries |= {
                 "delay_ms": 1e3 * solution.delay_s,
                 "delay_sd_ms": 1e3 * solution.delay_sd_s,
-                "delay_source": "given" if given else "estimated",
+                "delay_source": "estimated" if is_open else "given",
             }
         return json.loads(json.dumps(entries, default=ndarray.tolist))
 
@@ -352,7 +352,7 @@ def joint_entries(solution: Solution) -> dict[str, Any]:
         robot_errors["accuracy_deg"] = noise.of_sizes(robot_errors).accuracy_deg
     return {
         "smooth": smooth,
-        "columns": column_names(problem, smooth=has_smooth),
+        "columns": column_names(problem, range(len(problem.targets)), has_smooth),
         "mean": mean,
         "covariance": covariance,
         "targets": [
@@ -365,15 +365,11 @@ def joint_entries(solution: Solution) -> dict[str, Any]:
     }
 
 
-def column_names(
-    problem: Problem, targets: Sequence[int] = (), smooth: bool = False
-) -> list[str]:
-    """What the columns of a problem's linear model are derivatives by. `targets`: the
-    numbers of its targets, if these are not all; `smooth`: whether the robot has smooth
-    errors.
+def column_names(problem: Problem, numbers: Sequence[int], smooth: bool) -> list[str]:
+    """What the columns of a problem's linear model are derivatives by. `numbers`: of
+    its targets in the calibration; `smooth`: whether the robot has smooth errors.
     """
     names = [f"sensor {word} {axis}" for word in ("shift", "turn") for axis in "xyz"]
-    numbers = targets or range(len(problem.targets))
     for number, target in zip(numbers, problem.targets, strict=True):
         names += [f"target {number} shift {axis}" for axis in target.shifts]
         names += [f"target {number} turn {axis}" for axis in target.turns]

@@ -17,7 +17,7 @@ moved between scans (both `plausibility`), and whether a later scan is as predic
 (`check_mount`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy import ndarray
@@ -35,7 +35,8 @@ class Evidence:
     def of(self, part: slice) -> "Evidence":
         """What they say of some of the steps, if there are no others."""
         information = self.information[part, part]
-        return replace(self, information=information, slope=self.slope[part])
+        moves = self.moves[:, part]
+        return Evidence(information, self.slope[part], self.chi2, moves)
 
     def each(self) -> ndarray:
         """Each step that makes the residuals smallest, if there is no other, and its

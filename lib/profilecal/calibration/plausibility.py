@@ -42,8 +42,8 @@ ADVICE = (
     "check the mount, units and convention of the poses, which pose each profile "
     "belongs to, x and z of the profiles, the radius"
 )
-# a pose is that of the sensor without its error: uncorrected profiles are as wrong as
-# they were
+# what the answer allowed for already moves its pose no more; but points of profiles
+# that are not corrected stay as wrong as they were
 ALLOWED = (
     "the answer and its covariance allow for that already, and hold for data that are "
     "corrected for it"
@@ -82,10 +82,9 @@ def systematic_tests(solution: Solution) -> list[Finding]:
     # by error considered, the chance that it is far larger than usual
     poor = solution.error_sizes.poor[problem.considered_columns]
     allowed = dict(zip(problem.considered, poor, strict=True))
-    every = zip(tried, corrections, clear, moves, strict=True)
-    return [
-        Finding(*one, 1 - allowed.get(one[0], 0.0)) for one in compress(every, visible)
-    ]
+    not_allowed_for = [1 - allowed.get(error, 0.0) for error in tried]
+    every = map(Finding, tried, corrections, clear, moves, not_allowed_for)
+    return [*compress(every, visible)]
 
 
 def moves_by_scan(solution: Solution) -> list[Evidence]:
