@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform
 from profilecal.calibration import plausibility
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.doubts import doubts
-from profilecal.calibration.mount import contradiction, rests_on
+from profilecal.calibration.mount import disagreement, rests_on
 from profilecal.calibration.observe import Seen, observe_all
 from profilecal.calibration.other_conventions import better_readings
 from profilecal.calibration.several_scans import (
@@ -90,22 +90,25 @@ def calibrate(
     if not isinstance(scans, Iterable):
         scans = [scans]  # one scan, or what is none
     scans = tuple(scans)
-    stated, mount = agreed(scans), mount_of(scans, guess, guess_sd)
+    stated = agreed(scans)
+    mount = mount_of(scans, guess, guess_sd)
     check_different(scans)
     scans, remarks = with_few_joined(scans)
     seen, observed, features_mm = observe_all(scans)
     prior = replace(prior_from(stated, features_mm), mount=mount)
     remarks += by_scan(scans, [entry.remarks for entry in seen])
     questions = by_scan(scans, [doubts(scan) for scan in scans])
-    notes, poses = (*remarks, *questions), tuple(entry.poses for entry in seen)
+    notes = *remarks, *questions
+    poses = tuple(entry.poses for entry in seen)
     try:
         solution, objections = believed(scans, seen, observed, prior)
     except UnobservableError as error:
         return Calibration(scans, poses, observed, messages=(*notes, str(error)))
     observed = tuple(solution.problem.observations)  # by the delay that was found
-    status, readings = solution.status, []
+    status = solution.status
     if status == "ok" and questions:
         status = "weak"
+    readings = []
     if status != "ok":
         delay_ms = 1e3 * (solution.delay_s or 0.0)
         at_rest = [scan.at_rest(delay_ms) for scan in scans]
@@ -133,11 +136,12 @@ def believed(
     mount = prior.mount
     starts = [(mount.rotation, mount.translation)] if mount else []
     alone = solve(observed, replace(prior, mount=None), starts=starts)
+    # objections are by its residuals, others by the mount, the sides and each scan
     solution, objections = plausibility.check(alone)
-    others = contradiction(solution, mount)
+    others = disagreement(solution, mount)
     if mount and solution.status != "ok":
         both, against = plausibility.check(solve(observed, prior, starts=starts))
-        if not (against or contradiction(both, mount)):
+        if not (against or disagreement(both, mount)):
             messages = (*rests_on(both, mount), *both.messages)
             solution, objections, others = replace(both, messages=messages), [], []
     others += other_sides(scans, seen, solution)

@@ -342,17 +342,20 @@ def joint_entries(solution: Solution) -> dict[str, Any]:
     """
     sizes = solution.error_sizes
     mean, covariance = solution.known_of_all
-    problem, prior = solution.problem, solution.prior
-    shown = prior.scales.profile_mm if prior.source == "profiles" else solution.noise_mm
+    problem = solution.problem
+    prior = solution.prior
+    noise_mm = solution.noise_mm
+    shown_mm = prior.scales.profile_mm if prior.source == "profiles" else noise_mm
     frames = zip(problem.observations, solution.state.placements, strict=True)
-    robot_errors, noise = sizes.of_robot, solution.noise
-    has_smooth, smooth = SMOOTH in robot_errors, None
-    if has_smooth:
+    noise = solution.noise
+    robot_errors = sizes.of_robot
+    smooth = None
+    if SMOOTH in robot_errors:
         smooth = solution.smooth.known
         robot_errors["accuracy_deg"] = noise.of_sizes(robot_errors).accuracy_deg
     return {
         "smooth": smooth,
-        "columns": column_names(problem, range(len(problem.targets)), has_smooth),
+        "columns": column_names(problem, range(len(problem.targets)), bool(smooth)),
         "mean": mean,
         "covariance": covariance,
         "targets": [
@@ -361,7 +364,7 @@ def joint_entries(solution: Solution) -> dict[str, Any]:
         ],
         "robot_errors": robot_errors | {"steering_mm": noise.steering_mm},
         "freedom": sizes.freedom,
-        "noise_factor": solution.noise_mm / shown,
+        "noise_factor": noise_mm / shown_mm,
     }
 
 

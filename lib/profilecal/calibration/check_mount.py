@@ -6,7 +6,7 @@ and of the artefact since, where the mean and the covariance that the calibratio
 are all that is known of the other unknowns.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -209,7 +209,7 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     else:  # the calibration may be of profiles, whose fitted features err by less
         noise_mm = max(found.noise_mm, scan.noise.get("profile_mm", 0.0))
     observed = as_observations(scan, seen, seen.typical_mm)
-    noise = replace(Noise(**joint.robot_errors), profile_mm=noise_mm)
+    noise = Noise(**joint.robot_errors | {"profile_mm": noise_mm})
     problem = Problem([observed], noise, ALL_CONSIDERED, known_smooth=joint.smooth)
     _, _, origin, axes = joint.targets[alike[0]]
     T, placement = found.pose[None], (np.array([origin]), np.array([axes]))

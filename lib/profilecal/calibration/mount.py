@@ -50,14 +50,17 @@ def shown_by(solution: Solution) -> tuple[ndarray, Spectrum]:
     return posterior.mean[0, :6], of_covariance(covariance)
 
 
-def contradiction(solution: Solution, mount: Mount | None) -> list[str]:
+def disagreement(solution: Solution, mount: Mount | None) -> list[str]:
     """A sentence on how a solution contradicts what is known of the mount, and on what
     would explain it; none where chance does.
+
+    Compared are the directions D that the residuals tell better than one would by hand.
+    C is the doubt of both: what residuals leave, what none shows, and the mount's own.
     """
     if mount is None:
         return []
-    R, T = mount.rotation, mount.translation
-    frame = solution.problem.frame
+    R = mount.rotation
+    T = mount.translation
     offset, shown = shown_by(solution)
     D = shown.directions[shown.sd < 1] / HAND_PRECISION
     beside = solution.covariance_total - solution.covariance
@@ -84,17 +87,12 @@ def contradiction(solution: Solution, mount: Mount | None) -> list[str]:
         if agrees(R @ turned, T, ORIGIN_MM)
     ]
     if agrees(*inverse(R, T)):
-        causes.append(f"the guess were of the {frame} in the sensor's frame")
+        causes.append(
+            f"the guess were of the {solution.problem.frame} in the sensor's frame"
+        )
     if agrees(R, 1000 * T):
         causes.append("the guess were in metres")
-    # some frame explains any difference: this cause is always there
-    tool = homogeneous(R, T) @ np.linalg.inv(solution.pose)
-    x, y, z = tool[:3, 3]
-    w, p, r = Rotation.from_matrix(tool[:3, :3]).as_euler("xyz", degrees=True)
-    causes.append(
-        f"the poses were {NOT_IN[frame]} whose axes are at about "
-        f"{x:.0f}, {y:.0f}, {z:.0f} mm and {w:.0f}, {p:.0f}, {r:.0f}° in the {frame}'s"
-    )
+    causes.append(other_frame(solution, homogeneous(R, T)))
     said = (mount.sd[0], " mm"), (np.degrees(mount.sd[3]), "°")
     good = " and ".join(f"{sd:.3g}{unit}" for sd, unit in said if np.isfinite(sd))
     return [
@@ -103,6 +101,20 @@ def contradiction(solution: Solution, mount: Mount | None) -> list[str]:
         f"which is said to be good to {good}; "
         f"it looks as if {', or as if '.join(causes)}; no residual can tell"
     ]
+
+
+def other_frame(solution: Solution, guess: ndarray) -> str:
+    """Words on the frame in place of the flange, or of the base, that explains any
+    difference from a guess (4, 4).
+    """
+    frame = solution.problem.frame
+    tool = guess @ np.linalg.inv(solution.pose)
+    x, y, z = tool[:3, 3]
+    w, p, r = Rotation.from_matrix(tool[:3, :3]).as_euler("xyz", degrees=True)
+    return (
+        f"the poses were {NOT_IN[frame]} whose axes are at about "
+        f"{x:.0f}, {y:.0f}, {z:.0f} mm and {w:.0f}, {p:.0f}, {r:.0f}° in the {frame}'s"
+    )
 
 
 def rests_on(solution: Solution, mount: Mount) -> list[str]:

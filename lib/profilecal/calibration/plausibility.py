@@ -142,8 +142,7 @@ def robot_patterns(problem: Problem) -> list[Perturbation]:
     ]
     off = partial(off_middle, middle=np.concatenate(places).mean(axis=0))
     far, signs = "were too {} by {} %", ("far apart", "close together")
-    all_scaled = f"the robot's positions {far}"
-    errors = [Perturbation(all_scaled, 100, signs, positions=off)]
+    errors = [Perturbation(f"the robot's positions {far}", 100, signs, positions=off)]
     other = "scanner" if problem.to_hand else "target"
     drift = f"the robot or the {other} drifted along the base's {{}} by {{}} mm"
     for axis, direction in zip("xyz", np.eye(3), strict=True):
