@@ -46,6 +46,7 @@ def test_matrices_become_rotations_and_what_is_masked_is_missing():
     scan = scan_of("edge", groups=4, positions=3)
     T = scan.T_base_flange
     T[:, :3, :3] *= 1.0004
+    T.setflags(write=False)
     points = np.ma.concatenate(scan.values)
     points[3] = np.ma.masked
     made = pc.Scan.of("edge", T, points=points)
