@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
-from pandas import Series, to_numeric
+from pandas import to_numeric
 
 from profilecal.scan.tables import ScanError, cell_number, listed
 from profilecal_tool.importing.blocks import Block
@@ -98,7 +98,7 @@ class Match(NamedTuple):
     rows: ndarray  # (P,) -1: none
     how: str
     title: str
-    keys: Series  # of the poses
+    keys: list  # of the poses
 
 
 def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
@@ -109,13 +109,10 @@ def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
     """
     matches = []
     for title, labels in poses.labels.items():
-        for is_whole, how, own, wanted in ways_to_compare(labels, names):
-            keys = Series(own, dtype=object)
-            # row of each label, looked up by what names want
-            places = keys.drop_duplicates(keep="last")
-            rows = Series(places.index, places).reindex(wanted).fillna(-1)
-            rows = rows.to_numpy(int)
-            served = len({*rows} - {-1}) / len(places)
+        for is_whole, how, keys, wanted in ways_to_compare(labels, names):
+            row_of = {key: row for row, key in enumerate(keys)}
+            rows = np.array([row_of.get(key, -1) for key in wanted])
+            served = len({*rows} - {-1}) / len(row_of)
             share = min((rows >= 0).mean(), served)
             if share > 0.5:
                 matches.append(Match((is_whole, share), rows, how, title, keys))
@@ -129,11 +126,10 @@ def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
             sentence = f"which pose has {names[differs.argmax()]}: {' or '.join(ways)}?"
             hint = "Rename the profiles' files, or --pose-columns: _ for other columns"
             raise ScanError(f"{poses.path}: {sentence} {hint}")
-    twice = best.keys.duplicated(keep=False)
     for name, row in zip(names, best.rows, strict=True):
-        if row >= 0 and twice[row]:
-            same = best.keys == best.keys[row]
-            one, other = poses.table.index[same][:2]
+        first = best.keys.index(best.keys[row])
+        if first < row:  # of poses that are called alike, a row is the last
+            one, other = poses.table.index[[first, row]]
             sentence = f"two poses have the {best.title} of profile {name}"
             place = f"{poses.path} lines {one} and {other}"
             raise ScanError(f"{place}: {sentence}; leave one out")

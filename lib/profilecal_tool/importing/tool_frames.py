@@ -35,23 +35,25 @@ def of_one_frame(
 
     Raises Question where they have several.
     """
+    # a pose's name, where a move says it, and its frame's
     uses = [(row.get("name", ""), row.get(which, "")) for row in program["uses"]]
     for column in poses.having(which):
         uses += [("", label_of(cell)) for cell in poses.table[column.at]]
-    uses = [(name, used.lower().partition("[")[0]) for name, used in uses if used]
+    # world[0] is world
+    uses = [(pose, frame.lower().partition("[")[0]) for pose, frame in uses if frame]
     option, said = layout.wanted
     if option == which:
-        others = {name.lower() for name, used in uses if used != said}
+        others = {pose.lower() for pose, frame in uses if frame != said}
         return without(poses, others), said
-    used = [name for _, name in uses]
-    names = [*dict.fromkeys(used)]
+    frames = [frame for _, frame in uses]
+    names = [*dict.fromkeys(frames)]
     # what is offered first, of those used equally often: what a program's first move
     # has, or else the flange
     if not poses.robot:
         names.sort(key=lambda name: name not in WORDS[f"no_{which}"])
     if len(names) > 1:
         several = f"{poses.path}: moves have {which}s {listed(names)}"
-        answer = f"{which}={max(names, key=used.count)}"
+        answer = f"{which}={max(names, key=frames.count)}"
         raise Question(f"{several}; of which are the poses?", where=answer)
     return poses, "".join(names)
 
@@ -101,15 +103,13 @@ def frame_of_tool(
     if offset := poses.poses.get("tcp_offset"):
         table = DataFrame(offset.numbers_of(columns), columns=columns)
         rows = table.to_dict("records")
-    frames, declared = set(), set()
+    tools = []
     with naming(f"{poses.path}: tool"):
         for row in rows:
-            name = row.get("name", "").lower()
             numbers = tuple(float(row[column]) for column in columns)
-            if name == used:
-                frames.add(numbers)
-            if any(numbers[:3]):  # at the flange's origin it is none
-                declared.add(name)
+            tools.append((row.get("name", "").lower(), numbers))
+    # one that is declared without a name is used at once
+    frames = {numbers for name, numbers in tools if name == used}
     if len(frames) == 1:
         return frames.pop()
     if used or frames:
@@ -117,10 +117,11 @@ def frame_of_tool(
         sentence = f"poses are of {which}, of which {len(frames)} frames are here"
         hint = "where is it on the flange? (fill in X Y Z in mm, and angles)"
         raise Question(f"{poses.path}: {sentence}; {hint}", tool=[*"XYZABC"])
+    # what is at the flange's origin is none
+    declared = sorted({name for name, numbers in tools if any(numbers[:3])})
     if declared:
-        names = " or ".join(sorted(declared))
-        answer = names if len(declared) == 1 else "NAME"
-        sentence = f"tool {names} is declared, and no line uses it"
+        answer = declared[0] if len(declared) == 1 else "NAME"
+        sentence = f"tool {' or '.join(declared)} is declared, and no line uses it"
         hint = "are poses of it? (--tool 0 0 0 0 0 0: of the flange)"
         raise Question(f"{poses.path}: {sentence}; {hint}", where=f"tool={answer}")
     return None
