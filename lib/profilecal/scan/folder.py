@@ -124,7 +124,7 @@ def read_scan(folder: str | Path) -> Scan:
     entries = header | at_rest | read_measurements(folder, at_rest, scale, moving)
     sides = np.full(len(entries["values"]), header["side"])
     sides[: len(at_rest["side"])] = at_rest["side"]
-    if moving:
+    if moving:  # the log's convention counts, as orientations are by it
         entries |= read_log(log, scale)
     return scan_of(folder, entries | {"side": sides})
 
@@ -153,17 +153,16 @@ def check_header(path: Path, said: Entries) -> tuple[Entries, float]:
     Errors name `path`. Raises ScanError.
     """
     check_entries(path, said, HEADER)
-    target, guess = ({} | said.get(name, {}) for name in ("target", "guess"))
-    kind, scale = target.pop("kind", None), SCALE[said.get("units", "mm")]
+    target = {**said.get("target", {})}
+    guess = said.get("guess", {})
+    kind = target.pop("kind", None)
+    scale = SCALE[said.get("units", "mm")]
     check_entries(path, {"kind": kind}, ENTRY_RULES, "target")
     lengths = length_rules(kind, scale)
     of_target = {"side": one_of((1, -1))} | lengths
     check_entries(path, target, of_target, "target", needed=lengths)
     given = said.keys() & {"title", "mount", "noise"}
-    entries = {name: said[name] for name in given}
-    if "mount" in guess:
-        entries["guess"] = mount_pose(guess["mount"], path)
-    return entries | {
+    entries = {name: said[name] for name in given} | {
         "kind": kind,
         "sizes": tuple(round(target[name] * scale, 9) for name in lengths),
         "side": float(target.get("side", 0)),
@@ -172,14 +171,17 @@ def check_header(path: Path, said: Entries) -> tuple[Entries, float]:
             guess.get("sd_mm", GUESS_SD[0]),
             guess.get("sd_deg", GUESS_SD[1]),
         ),
-    }, scale
+    }
+    if "mount" in guess:
+        entries["guess"] = mount_pose(guess["mount"], path)
+    return entries, scale
 
 
-def mount_pose(numbers: Sequence[float], path: Path) -> ndarray:
+def mount_pose(mount: Sequence[float], path: Path) -> ndarray:
     """The pose (4, 4) of X Y Z mm, W P R degrees, of a guess at `path`. Raises
     ScanError.
     """
-    position, angles = np.reshape(numbers, (2, 1, 3))
+    position, angles = np.reshape(mount, (2, 1, 3))
     table = Table(path, {}, ["of the guess"], "W P R")
     R = to_rotations(named("FANUC angles"), angles, table)
     return homogeneous(R, position)[0]
@@ -281,11 +283,11 @@ def read_measurements(
         moment |= in_motion
         pose = np.array([number.get(label, -1) for label in labels])
         table.refuse(pose < 0, "pose {} is not in poses", labels)
-        numbers = table.numbers(columns, blank=True, largest=FARTHEST_MM / scale)
-        parts.append((pose, numbers * scale))
-    pose, numbers = map(np.concatenate, zip(*parts, strict=True))
+        seen = table.numbers(columns, blank=True, largest=FARTHEST_MM / scale)
+        parts.append((pose, seen * scale))
+    pose, seen = map(np.concatenate, zip(*parts, strict=True))
     # the rows of each pose together, in the order of the file
-    rows = numbers[np.argsort(pose, kind="stable")]
+    rows = seen[np.argsort(pose, kind="stable")]
     ends = np.cumsum(np.bincount(pose, minlength=len(number)))
     sweeps, times = zip(*moment.values(), strict=True)
     return {

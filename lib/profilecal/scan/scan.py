@@ -457,8 +457,9 @@ def rigid(name: str, poses: Any) -> ndarray:
     """
     if poses is None:
         return np.empty((0, 4, 4))
-    is_rigid = isinstance(poses, RigidTransform)
-    T = check_rigid(name, poses.as_matrix() if is_rigid else poses).copy()
+    if isinstance(poses, RigidTransform):
+        poses = poses.as_matrix()
+    T = check_rigid(name, poses).copy()
     R = T[:, :3, :3]
     rounded = np.abs(R.mT @ R - np.eye(3)).max(axis=(1, 2)) > 1e-12
     R[rounded] = nearest_rotation(R[rounded])

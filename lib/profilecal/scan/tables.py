@@ -273,7 +273,8 @@ def parts_of_text(
         ]
         first = [*islice(rows, most)]
         check_columns(path, required, names, len(first))
-        others = iter(lambda: [*islice(rows, most)], [])
+        others = iter(lambda: [*islice(rows, most)], [])  # until one is empty
+        # about how many parts
         count = content.count(b"\n") // (most or len(content)) + 1
         for part in watched(chain([first], others), f"reading {path.name}", count):
             yield in_columns(path, names, part)
