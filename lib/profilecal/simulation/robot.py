@@ -31,7 +31,7 @@ def actual_poses(
 
     Groups with the same number in `same` (G,) share a group's error. `to_hand`: the
     poses are of the base in the flange's frame; the result is not. On a sweep
-    `sweeps.erring` makes up errors, at each visit `revisited`.
+    `sweeps.with_errors` makes up errors, at each visit `revisited`.
     """
     shape = T.shape
     shape_of_groups = (*shape[:-2], 1, 3)

@@ -30,11 +30,6 @@ class Setup:
     T_sensor: ndarray  # (3,) mm
 
     @property
-    def sizes(self) -> tuple[float, ...]:
-        """The target's lengths, mm."""
-        return self.target.measures
-
-    @property
     def state(self) -> State:
         """The unknowns, a batch of one."""
         placed = tuple(part[None] for part in self.target.frame)
@@ -54,10 +49,10 @@ class Setup:
 class Scene(Setup):
     """What a perfect scanner sees of a target, and the truth behind it.
 
-    A batch of problems along the first axis, of which the setup is the first.
+    Observations and truth may be a batch, of which all else is the first problem's.
     """
 
-    # (G, 3, 3), (G, N, 3) that the robot reports, of the first problem
+    # (G, 3, 3), (G, N, 3) that the robot reports, in the frames of `Setup`
     poses: Frames
     labels: tuple[str, ...]  # of them
     observations: Observations  # without noise
@@ -77,9 +72,10 @@ class Scene(Setup):
         """
         R = np.repeat(poses[0], poses[1].shape[1], axis=0)
         T = poses[1].reshape(-1, 3)
-        points = setup.target.points_seen(*setup.planes(R, T), count)
+        target = setup.target
+        points = target.points_seen(*setup.planes(R, T), count)
         observations = Observations(
-            setup.target.kind, R[None], T[None], points[None], setup.sizes, group
+            target.kind, R[None], T[None], points[None], target.measures, group
         )
         return cls(
             **vars(setup),
@@ -128,6 +124,7 @@ def random_scene(
     target = TARGETS[kind]
     shape = groups or target.groups, positions or target.positions
     sizes = sizes or target.sizes
+    # the order of all that is drawn stays as it is, for a seed to give the same scene
     R_sensor, T_sensor = mount or (
         rotations(rng.uniform(-np.pi, np.pi, 3) / np.sqrt(3)),
         rng.uniform(-150, 150, 3),

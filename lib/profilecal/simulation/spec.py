@@ -195,8 +195,8 @@ def read_spec(
     with naming(path):
         for name, value in entries.items():
             if isinstance(value, Mapping):
-                table, kind = getattr(usual, name), known[name]
-                entries[name] = replace(table, **value) if table else kind(**value)
+                table, made_of = getattr(usual, name), known[name]
+                entries[name] = replace(table, **value) if table else made_of(**value)
         return described(**entries, sizes=sizes)
 
 
@@ -246,6 +246,7 @@ def taken(scene: Scene, spec: Spec, rng: Generator) -> Frames:
     """Where the flange is, (P, 3, 3), (P, 3) mm, whenever the robot is at the poses of
     a scene.
     """
+    # numbers of the groups, each at the first of its positions
     shared = scene.observations.labels[:: scene.poses[1].shape[1]]
     actual = actual_poses(*scene.poses, spec.noise, rng, shared, spec.to_hand)
     R, T = (part.reshape(-1, *part.shape[2:]) for part in actual)
@@ -308,7 +309,7 @@ def scan_from(
     }
     return Scan(
         kind=spec.kind,
-        sizes=setup.sizes,
+        sizes=setup.target.measures,
         noise=noise,
         mount=spec.mount,
         title=spec.title or f"simulated {spec.kind}",

@@ -164,14 +164,14 @@ def drive(
         return inverse(*pose) if to_hand else pose
 
     stops = [flange(*place) for place in resting(setup, motion, spread_deg, rng)]
-    actual = [erring(*stop, noise, rng) for stop in stops]
+    actual = [with_errors(*stop, noise, rng) for stop in stops]
     log, times, begin = [], [], 1.0
     for sweep in planned or sweeps_of(setup, motion, spread_deg, rng):
         middle = begin + sweep.seconds / 2
         t, taken = moments(sweep, begin, motion, rng)
         log.append((t, *flange(*sweep.at(t - middle))))
         way = flange(*sweep.behind(taken - middle, motion.lag_ms / 1000))
-        actual.append(erring(*way, noise, rng))
+        actual.append(with_errors(*way, noise, rng))
         jitter = noise.jitter_ms / 1000 * rng.normal(size=len(taken))
         times.append(taken - motion.delay_ms / 1000 + jitter)
         begin = begin + sweep.seconds + BESIDE_S + PAUSE_S
@@ -231,7 +231,7 @@ def resting(
     return places
 
 
-def erring(R: ndarray, p: ndarray, noise: Noise, rng: Generator) -> Frames:
+def with_errors(R: ndarray, p: ndarray, noise: Noise, rng: Generator) -> Frames:
     """Poses with the errors that all share, and those of each: `robot.actual_poses` of
     one group, whose orientations differ, and of one visit each.
     """

@@ -56,7 +56,7 @@ class ScanModel(Setup):
 
     def elsewhere(self, rng: Generator) -> "ScanModel":
         """The same with everything anywhere within the guess's margins."""
-        setup = self.guess.setup(self.target.kind, self.sizes, rng)
+        setup = self.guess.setup(self.target.kind, self.target.measures, rng)
         return replace(self, **vars(setup))
 
     @property
@@ -104,7 +104,7 @@ class ScanModel(Setup):
             R[None],
             T[None],
             points[None],
-            self.sizes,
+            self.target.measures,
             rotation_groups(R),
             self.to_hand,
             covariance,
