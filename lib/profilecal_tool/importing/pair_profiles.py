@@ -109,12 +109,13 @@ def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
     """
     matches = []
     for title, labels in poses.labels.items():
-        for is_whole, how, keys, wanted in ways_to_compare(labels, names):
+        for is_whole, what, keys, wanted in ways_to_compare(labels, names):
             row_of = {key: row for row, key in enumerate(keys)}
             rows = np.array([row_of.get(key, -1) for key in wanted])
             served = len({*rows} - {-1}) / len(row_of)
             share = min((rows >= 0).mean(), served)
             if share > 0.5:
+                how = f"by {title} and the {what}"
                 matches.append(Match((is_whole, share), rows, how, title, keys))
     if not matches:
         return None
@@ -122,8 +123,8 @@ def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
     for other in matches:
         differs = other.rows != best.rows
         if other.rank == best.rank and differs.any():
-            ways = [f"by {one.title} and the {one.how}" for one in (best, other)]
-            sentence = f"which pose has {names[differs.argmax()]}: {' or '.join(ways)}?"
+            name = names[differs.argmax()]
+            sentence = f"which pose has {name}: {best.how} or {other.how}?"
             hint = "Rename the profiles' files, or --pose-columns: _ for other columns"
             raise ScanError(f"{poses.path}: {sentence} {hint}")
     for name, row in zip(names, best.rows, strict=True):
@@ -133,13 +134,13 @@ def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
             sentence = f"two poses have the {best.title} of profile {name}"
             place = f"{poses.path} lines {one} and {other}"
             raise ScanError(f"{place}: {sentence}; leave one out")
-    return Pairing(best.rows, f"by {best.title} and the {best.how}")
+    return Pairing(best.rows, best.how)
 
 
 def ways_to_compare(
     labels: list[str], names: list[str]
 ) -> Iterator[tuple[bool, str, list, Sequence]]:
-    """Whether it is by more than a number, how, what labels have, what names want:
+    """Whether it is by more than a number, by what, what labels have and names want:
     whole names, without folder and ending, if they are more than numbers; all numbers,
     as in 2_07; or the last number of the labels and each in the names, counted from 0
     and from 1 if all fit only so.
@@ -154,10 +155,10 @@ def ways_to_compare(
     for k, wanted in enumerate(zip(*of_names, strict=False), 1):
         shift = (0 in wanted) - (0 in last)  # 1: profiles count from 0, poses from 1
         shifted = [one + shift for one in wanted]
-        how = f"number {k} in the names"
+        what = f"number {k} in the names"
         if {*shifted} <= {*last} and not {*wanted} <= {*last}:
-            how, wanted = f"{how}, from 0 and from 1", shifted
-        yield False, how, last, wanted
+            what, wanted = f"{what}, from 0 and from 1", shifted
+        yield False, what, last, wanted
 
 
 def stem_of(text: str) -> str:
@@ -189,7 +190,7 @@ def times_of(poses: Block, names: list[str], layout: Layout) -> Times | None:
     """The times of poses and profiles, if all have some, in the unit of the poses; in s
     if a user says them.
     """
-    columns = poses.having("time", "t")
+    columns = poses.having("time", "t")  # a t that is no angle of o, a, t
     if not columns:
         return None
     unit_s = TIME_UNITS.get(columns[0].unit, 1.0)

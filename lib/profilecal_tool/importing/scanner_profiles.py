@@ -55,6 +55,7 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     heights = block.numbers(z, blank=True)
     places = np.broadcast_to(places_of(block, x, z, layout), heights.shape)
     beside = block.table.drop(columns=[column.at for column in (*x, *z)])
+    # what has no titles is titled by its roles
     known = [c.role for c in block.columns] if block.is_bare else block.titles
     titles = [*(known[at] for at in beside), "nth", "profile x", "profile z"]
     table = beside.loc[beside.index.repeat(len(z))].assign(
@@ -153,16 +154,16 @@ def read_profiles(files: Files, stops: int, layout: Layout, taken: Taken) -> Ser
             raise ScanError(
                 f"{path}: {len(found)} tables: give titles, or no blank lines"
             )
-        in_each = 1 if not is_alone else stops if len(found) == 1 else 0
-        rows = []
+        expected = stops if len(found) == 1 else 0
+        of_file = []
         for points in found:
-            profile, own = profile_of_each_row(points, in_each)
+            profile, labels = profile_of_each_row(points, expected if is_alone else 1)
             check_one_section(points, profile, layout)
-            each = np.bincount(profile)
-            names += own or [points.sheet] * len(each)
-            rows += [*each]
+            rows = np.bincount(profile)
+            names += labels or [points.sheet] * len(rows)
+            of_file += [*rows]
         # tables below one another in one of several files are one profile
-        counts += rows if is_alone else [sum(rows)]
+        counts += of_file if is_alone else [sum(of_file)]
         parts += found
     if not parts:
         raise ScanError(f"{path}: no profiles in rows where {layout.where or 'any'}")
@@ -188,8 +189,9 @@ def units_of_points(parts: list[Block], layout: Layout) -> set[str]:
     return units - {""}
 
 
-def profile_of_each_row(block: Block, stops: int) -> tuple[ndarray, list[str]]:
-    """The profile of each row, from 0, and what profiles are called, if they are. It is
+def profile_of_each_row(block: Block, expected: int) -> tuple[ndarray, list[str]]:
+    """The profile of each row, from 0, and what profiles are called, if they are. So
+    many are expected, 0 where that is not known; if several, or not known, they are
     told by the first of these that the block has::
 
         label a, a, b, b    0, 0, 1, 1, called a, b: unless a value comes back
@@ -197,18 +199,18 @@ def profile_of_each_row(block: Block, stops: int) -> tuple[ndarray, list[str]]:
         time 0, 0, 2, 2     0, 0, 1, 1, called 0, 2: unless a value comes back
         nth 0, 0, 1, 1      0, 0, 1, 1
         poses P, P, Q, Q    0, 0, 1, 1
-        x 1, 2, 1, 2        0, 0, 1, 1, if the robot stops twice;
-                            0, 1, 2, 3, if it stops four times
+        x 1, 2, 1, 2        0, 0, 1, 1, if two are expected;
+                            0, 1, 2, 3, if four are
 
     and else all rows are of one.
     """
     rows = len(block.table)
-    if stops == 1:
+    if expected == 1:
         return np.zeros(rows, int), []
     for column in block.having("label", "time", "t", "nth"):
         cells = block.table[column.at].ffill()  # a label may stand once for many rows
         profile, labels = pandas.factorize(cells, use_na_sentinel=False)
-        is_of_points = column.role == "label" and len(labels) == rows != stops
+        is_of_points = column.role == "label" and len(labels) == rows != expected
         if (np.diff(profile) >= 0).all() and not is_of_points:
             return profile, [] if column.role == "nth" else [*map(label_of, labels)]
     if block.poses:
@@ -217,8 +219,8 @@ def profile_of_each_row(block: Block, stops: int) -> tuple[ndarray, list[str]]:
     else:
         x = Series(block.numbers_of("x", blank=True)[:, 0]).ffill().bfill()
         goes_back = x.diff() * (x.iloc[-1] - x.iloc[0]) < 0
-        is_stack = goes_back.sum() + 1 == stops
-        begins = goes_back & is_stack | (rows == stops)
+        is_stack = goes_back.sum() + 1 == expected
+        begins = goes_back & is_stack | (rows == expected)
     profile = begins.cumsum().to_numpy()
     return profile - profile[0], []
 
@@ -229,20 +231,21 @@ def check_one_section(block: Block, profile: ndarray, layout: Layout) -> None:
     """
     x, z = block.chosen.values()
     for column in block.having("y", "sensor", "label"):
-        is_y, is_label = column.role == "y", column.role == "label"
-        cells = block.table[column.at]
+        role, cells = column.role, block.table[column.at]
         each = cells.groupby(profile).nunique()
-        counts_points = is_label and (2 * each > np.bincount(profile)).any()
         is_wanted = column in (x, z) or layout.wanted == (column.name, "*")
-        if each.max() < 2 or counts_points or is_wanted:
+        if each.max() < 2 or is_wanted:
             continue
+        if role == "label" and (2 * each > np.bincount(profile)).any():
+            continue  # it counts points
         values = sorted(cells.dropna().unique())
         sentence = f"{block.path}: {column.name} is {values[0]} to {values[-1]}"
-        if is_y and block.table[x.at].nunique() < 2:
+        if role == "y" and block.table[x.at].nunique() < 2:
             answer = f"{block.title(column.at)},{block.title(z.at)}"
             raise Question(f"{sentence}, x always the same", columns=answer)
-        one = label_of(min(values, key=abs) if is_y else values[0])
-        hint = f" (all: --where '{column.name}=*')" if is_label else ""
+        # of sections, the one in the middle
+        one = label_of(min(values, key=abs) if role == "y" else values[0])
+        hint = f" (all: --where '{column.name}=*')" if role == "label" else ""
         raise Question(f"{sentence} in one profile{hint}", where=f"{column.name}={one}")
 
 
@@ -288,8 +291,9 @@ def codes_in(z: ndarray, layout: Layout) -> list[float]:
     """
     codes = [code for code in (*UNIT_OF_CODE, layout.missing) if (z == code).any()]
     seen = z[np.isfinite(z)]
-    is_beside = 0 in seen and not seen.min() < 0 < seen.max()
-    return codes or [0.0] * is_beside
+    if 0 in seen and not seen.min() < 0 < seen.max():
+        codes = codes or [0.0]
+    return codes
 
 
 def check_size(path: Path, xz: ndarray, scale: float, is_said: bool) -> None:
