@@ -44,7 +44,7 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Block:
-    """A table in a file."""
+    """A table in a file; or, once they are chosen, a pose or points in it."""
 
     path: Path
     table: DataFrame  # columns 0, 1, …; the index is where a row stands in the file
@@ -203,7 +203,8 @@ def parts_called(parts: list[Block], entry: str, liked: str, what: str) -> list[
 
     def fit(name: str) -> tuple[bool, ...]:
         """How well a name fits; what counts most stands first. An entry may name a pose
-        of other files; then it decides nothing here.
+        of other files; then it decides nothing here. Without an entry, what has no name
+        comes before all others.
         """
         text, wish = name.lower(), entry.lower()
         return wish in text, wish == text, not is_of_other(text), liked in text

@@ -20,7 +20,7 @@ from profilecal_tool.importing.pair_profiles import Times, pair_profiles
 from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_ask
 from profilecal_tool.importing.read_file import (
     blocks_in_file,
-    is_known,
+    is_readable,
     programs_in_file,
 )
 from profilecal_tool.importing.robot_poses import (
@@ -124,7 +124,7 @@ def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
     said = [pattern for pattern in (layout.poses, layout.profiles) if pattern]
     paths = {path: name for name in said for path in files_matching(folder, name)}
     for path in sorted_files(folder, "**/*"):
-        if path not in paths and is_known(path):
+        if path not in paths and is_readable(path):
             paths[path] = re.sub(r"\d+", "*", str(path.relative_to(folder)))
     if not paths:
         raise ScanError(f"{folder}: no files; is the folder right?")
@@ -158,8 +158,10 @@ def with_rows_wanted(block: Block, layout: Layout) -> Block:
     name, value = layout.wanted
     for column in block.others:
         if name in (column.name, column.role) and value not in ("", "*"):
-            texts = ((str(c), label_of(c)) for c in block.table[column.at])
-            block = block.rows_at([value in map(str.lower, own) for own in texts])
+            cells = block.table[column.at]
+            # 0 and 0.0 are both 0.0
+            is_wanted = [value in (str(c).lower(), label_of(c).lower()) for c in cells]
+            block = block.rows_at(is_wanted)
     return block
 
 
@@ -189,20 +191,20 @@ def which_hold_what(
     first = {n: next(filter(None, own.values()), []) for n, own in families.items()}
     free = [n for n in first if first[n] and n not in (layout.poses, layout.profiles)]
     free.sort(key=lambda name: -len(families[name]))  # most files first
-    posed = [n for n in free if poses_in(first[n], layout.pose_columns)]
-    # what is neither poses nor points has no titles, and may be either
-    others = [n for n in free if n not in posed]
+    of_poses = [n for n in free if poses_in(first[n], layout.pose_columns)]
+    others = [n for n in free if n not in of_poses]
     # those of half as many files are something else, such as a reference
     most = [n for n in others if 2 * len(families[n]) > len(families[others[0]])]
-    seen = [n for n in most if points_of_file(first[n], layout)]
-    unclear = [n for n in others if n not in seen]
-    posed = posed or unclear[-1:]  # of fewest files
-    pose = layout.poses or one_or_ask(folder, posed, "holds the poses", "poses")
-    seen = seen or [n for n in unclear if n != pose][:1]  # of most files
-    if not seen and points_of_file(first[pose], layout):
-        seen = [pose]
-    profile = layout.profiles
-    profile = profile or one_or_ask(folder, seen, "holds the profiles", "profiles")
+    of_points = [n for n in most if points_of_file(first[n], layout)]
+    # what is neither has no titles, and may be either
+    unclear = [n for n in others if n not in of_points]
+    of_poses = of_poses or unclear[-1:]  # of fewest files
+    pose = layout.poses or one_or_ask(folder, of_poses, "holds the poses", "poses")
+    of_points = of_points or [n for n in unclear if n != pose][:1]  # of most files
+    if not of_points and points_of_file(first[pose], layout):
+        of_points = [pose]
+    what = "holds the profiles"
+    profile = layout.profiles or one_or_ask(folder, of_points, what, "profiles")
     check_entry(folder, first[pose], first[profile], layout)
     return pose, profile
 

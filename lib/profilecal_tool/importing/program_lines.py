@@ -33,9 +33,10 @@ def expression_of(line: str) -> re.Pattern:
             parts.append(token)
         else:
             parts.append(SIGNS.get(token) or rf"\s*{re.escape(token)}\s*")
-    if token[0] == "$":  # the last one: what it finds is a whole word
+    if token[0] == "$":  # at the end of the line: what it finds is a whole word
         parts.append(r"(?!\w)")
-    expression = "".join(parts).removeprefix(r"\s*")  # it may begin no line earlier
+    # without blank lines above, which would give another line number
+    expression = "".join(parts).removeprefix(r"\s*")
     return re.compile(f"(?im){expression}")
 
 
@@ -76,10 +77,11 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
             ends = rf"{end[0]}|\Z" if end else "$"
             rest = blanked(rf"(?ms){begin}.*?({ends})", rest)
         every = ("base", "tool", "uses", "moved", "pose")
+        # a listing of tools is no program: it has no text that programs have
         kinds = every if robot.has in text else ("tool",)
         for kind in kinds:
             table, others = matches_of(getattr(robot, kind), rest)
-            if kind not in OF_MOVES:
+            if kind not in OF_MOVES:  # a move may have a pose in it, which comes later
                 rest = others
             if len(table):
                 titles = [*table.columns]

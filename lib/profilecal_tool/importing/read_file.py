@@ -27,8 +27,12 @@ MARKS = b"#% \r\n"  # around titles
 BEGIN = 100_000  # characters that tell what a table is like
 HEAD = 50  # lines within which numbers begin
 EDGES = " \"'"  # of cells
-AS_IT_IS = {"header": None, "index_col": False, "skipinitialspace": True}
-AS_IT_IS |= {"na_values": [*NOTHING, "Invalid", "INVALID", ".Nan", "-"]}
+AS_IT_IS = {
+    "header": None,
+    "index_col": False,
+    "skipinitialspace": True,
+    "na_values": [*NOTHING, "Invalid", "INVALID", ".Nan", "-"],
+}
 
 
 def blocks_in_file(path: Path, encoding: str) -> Iterable[Block]:
@@ -82,7 +86,7 @@ def names_of(paths: Collection[Path]) -> list[str]:
     return [f"{path.parent.name}/{path.stem}" for path in paths]
 
 
-def is_known(path: Path) -> bool:
+def is_readable(path: Path) -> bool:
     """Whether a file can be read: it is no picture."""
     with path.open("rb") as file:
         begin = file.read(4096)

@@ -151,6 +151,7 @@ def question_on_columns(
     titles = []
     for column in columns:
         unit = column.unit or (small if column.at in turns else "")
+        # such as tcp_x; _x without an owner
         own = f"{column.owner}_{column.role}" if column.role else column.name
         name = guessed.get(column.at, own).strip("_") or "_"
         titles.append(f"{name} [{unit}]" if unit else name)
@@ -202,7 +203,7 @@ def angle_of(poses: Block) -> tuple[float, str]:
     usual, units = "deg" if turn.sequence else "rad", poses.units(turn.columns)
     if doubt := doubt_of_angles(poses, units):
         columns = [*poses.columns]
-        if not turn.sequence:  # most often they are no vector
+        if not turn.sequence:  # most often they are W, P, R, and no vector
             for role, column in zip("xyzwpr", poses.chosen.values(), strict=True):
                 columns[column.at] = column._replace(role=role)
         raise question_on_columns(poses, doubt, columns)
@@ -238,8 +239,7 @@ def pose_entries(poses: Block, labels: list[str], taken: Taken) -> Entries:
     angle, of_angle = angle_of(poses)
     numbers[:, 3:] *= angle
     columns = dict(zip(poses.chosen, numbers.T, strict=True))
-    own = poses.poses.values()
-    others = listed(one.called for one in own if one.called != poses.called)
+    others = listed(called for called in poses.poses if called != poses.called)
     beside = f", not {others}" if others else ""
     name = "poses" if poses.called in ("", "pose") else f"poses of {poses.called}"
     words = f"{len(labels)} {name}{beside} in {unit}{of_angle}"

@@ -132,6 +132,7 @@ def entries_of_flange(
 ) -> Entries:
     """Entries of a Scan with the flange's poses in place of the tool's (3 + k,)."""
     turn, (angle, _) = poses.convention, angle_of(poses)
+    # a user says it in mm, and as W, P, R where the poses have no three angles
     length = 1.0 if layout.tool else length_of(poses)[0]
     if layout.tool and len(turn.columns) != 3:
         turn, angle = named("FANUC angles"), 1.0
