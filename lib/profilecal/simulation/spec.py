@@ -282,14 +282,15 @@ def scan_from(
 
     Eye-to-hand is the same measurement with the roles of base and flange exchanged.
     """
+    target = setup.target
     planes = setup.planes(*(inverse(*flange) if spec.to_hand else flange))
-    measured = spec.measured or setup.target.tables[-1]
+    measured = spec.measured or target.tables[-1]
     if measured == "profiles":
-        specimen = spec.specimen or setup.target.specimens[0]
-        outlines = setup.target.outline(specimen, *planes, setup.facing[:, 2])
+        specimen = spec.specimen or target.specimens[0]
+        outlines = target.outline(specimen, *planes, setup.facing[:, 2])
         seen = [spec.scanner.profile(outline, rng) for outline in outlines]
     else:
-        exact = setup.target.meet(*planes).reshape(-1, 1, len(MEASURED[measured]))
+        exact = target.meet(*planes).reshape(-1, 1, len(MEASURED[measured]))
         seen = [*(exact + spec.noise.profile_mm * rng.normal(size=exact.shape))]
     values = tuple(rows[np.isfinite(rows).all(axis=1)] for rows in seen)
     if not any(map(len, values)):
@@ -297,19 +298,19 @@ def scan_from(
             "from none of these poses is anything in the scanner's range: "
             "look at [guess] and [scanner]"
         )
-    side = setup.target.sides(*planes)
+    side = target.sides(*planes)
     if "times" in said:
         side = np.where(np.isnan(said["times"]), side, 0)
     noise = {name: value for name, value in asdict(spec.noise).items() if value}
-    target = vars(setup.target)
+    placed = vars(target)
     truth = {
         "seed": np.asarray(spec.seed).tolist(),
         pose_name(spec.mount): homogeneous(setup.R_sensor, setup.T_sensor).tolist(),
-        "target": {name: np.asarray(value).tolist() for name, value in target.items()},
+        "target": {name: np.asarray(value).tolist() for name, value in placed.items()},
     }
     return Scan(
         kind=spec.kind,
-        sizes=setup.target.measures,
+        sizes=target.measures,
         noise=noise,
         mount=spec.mount,
         title=spec.title or f"simulated {spec.kind}",
