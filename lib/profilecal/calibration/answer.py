@@ -181,7 +181,7 @@ def answer_of(entries: dict[str, Any]) -> Answer:
     rows = entries[f"T_{MOUNTS[mount]}_sensor"]
     made = entries.get("made") or {}
     return Answer(
-        pose=np.asarray([*rows], dtype=float),  # null has no rows
+        pose=np.asarray([*rows], dtype=float),  # a TypeError for null
         covariance_total_mm_deg=entries["covariance_total"],
         noise_mm=float(entries["noise_mm"]),
         mount=mount,

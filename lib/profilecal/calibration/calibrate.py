@@ -113,8 +113,11 @@ def calibrate(
         delay_ms = 1e3 * (solution.delay_s or 0.0)
         at_rest = [scan.at_rest(delay_ms) for scan in scans]
         readings = by_scan(scans, [*map(better_readings, at_rest, seen)])
+    # Notes are on the files: on what was left out, and questions, which make "ok" weak.
+    # Objections, and the solution's own words, are on the files as they were read: if
+    # other readings explain the data, they are beside the point.
     messages = (*notes, *objections, *solution.messages)
-    if readings:  # what the files look like as they were read is beside the point
+    if readings:
         status, messages = "unobservable", (*readings, *notes)
     misread = bool(readings or objections)
     return Calibration(scans, poses, observed, status, solution, messages, misread)

@@ -66,7 +66,7 @@ class Calibration:
 
     @property
     def made(self) -> dict[str, Any]:
-        """Where it is from: by which version, when, and from which scans."""
+        """Where it is from: the version, the time of asking, and the scans."""
         return {
             "version": version("profilecal"),
             "time": datetime.now(UTC).isoformat(timespec="seconds"),

@@ -73,12 +73,14 @@ def systematic_tests(solution: Solution) -> list[Finding]:
     problem = solution.problem
     tried = [*OF_SCANNER, *of_target(problem.observations), *robot_patterns(problem)]
     model, posterior = solution.model(tried)
-    n, (normal,) = model.p - len(tried), posterior.normal
+    n = model.p - len(tried)
+    (normal,) = posterior.normal
     with np.errstate(invalid="ignore", divide="ignore"):
         says = evidence(normal, model.precision[:n, :n])
         corrections, sds = says.each()
         visible = sds**-2 > ABSORBED * np.diag(normal)[n:-1]
-        clear, moves = abs(corrections / sds), (says.moves[:6] * corrections).T
+        clear = abs(corrections / sds)
+        moves = (says.moves[:6] * corrections).T
     # by error considered, the chance that it is far larger than usual
     poor = solution.error_sizes.poor[problem.considered_columns]
     allowed = dict(zip(problem.considered, poor, strict=True))
@@ -93,6 +95,7 @@ def moves_by_scan(solution: Solution) -> list[Evidence]:
     """
     model, _ = solution.model()
     count = len(solution.kept)
+    # (profiles, scans) 1 where a profile is of a scan
     of_scan = np.repeat(np.eye(count), [*map(len, solution.kept)], axis=0)
 
     def widened(rows: ndarray) -> ndarray:
@@ -119,6 +122,7 @@ def between_scans(solution: Solution, names: Sequence[str]) -> list[str]:
     says = moves_by_scan(solution)
     k = int(np.argmax([one.explained for one in says]))
     chance = 1 - FALSE_ALARM / len(says)
+    # an F law, as the sizes of errors are estimated
     limit = 6 * fdtri(6, solution.error_sizes.freedom, chance)
     if says[k].explained < limit:
         return []
@@ -177,7 +181,8 @@ def check(solution: Solution) -> tuple[Solution, list[str]]:
         solution = replace(solution, status="unobservable", messages=())
     if solution.status == "unobservable":
         return solution, objections
-    C, before = solution.covariance, solution.observability
+    C = solution.covariance
+    before = solution.observability
     guilty = clear_findings(systematic_tests(solution))
     enlarged = C + sum(
         one.not_allowed_for * np.outer(one.moves, one.moves) for one in guilty

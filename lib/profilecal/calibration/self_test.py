@@ -148,7 +148,8 @@ def self_test(found: Calibration, count: int = 100, seed: int = 1) -> SelfTest:
         raise ValueError(
             f"count is {count!r}; expected a whole number, {FEWEST} or more"
         )
-    solution, rng = found.known_solution, np.random.default_rng(seed)
+    solution = found.known_solution
+    rng = np.random.default_rng(seed)
     columns = solution.problem.columns_in_mm(solution.state)
     squares = []
     for _ in watched(range(count), "simulating scans"):

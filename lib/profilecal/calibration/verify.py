@@ -163,7 +163,8 @@ def verify(
     if isinstance(other, Calibration):
         other = other.answer
     title = check_another(found, other)
-    T, stated = found.pose, found.covariance_total_mm_deg / MM_DEG
+    T = found.pose
+    stated = found.covariance_total_mm_deg / MM_DEG
     if isinstance(other, Answer):
         own = other.covariance_mm_deg
         if own is None:
@@ -189,7 +190,8 @@ def against(T: ndarray, stated: ndarray, other: Scan, title: str) -> Verificatio
             f"{title}: shows the target from {shown} poses; expected {FEWEST_POSES} or "
             "more, or check-mount, which does with fewer if the target stands as it did"
         )
-    solution, (used,) = alone.solution, alone.observed
+    solution = alone.solution
+    (used,) = alone.observed
     target, points, _ = target_by(T, used.keep(solution.kept[0]))
     return Verification(
         difference(T, solution.pose),

@@ -271,7 +271,9 @@ class Scan:
         with naming("Scan"):
             times = check_array("times", times, (P,), finite=False)
             vars(self)["times"] = read_only(times)
-            given, at_rest = len(self.p_base_flange), np.count_nonzero(~self.moving)
+            # poses are given of what is at rest; of all, where `replace` makes a copy
+            given = len(self.p_base_flange)
+            at_rest = np.count_nonzero(~self.moving)
             if given not in (at_rest, P):
                 raise ScanError(
                     f"T_base_flange has {given} poses for {at_rest} {self.measured}"
@@ -340,7 +342,8 @@ class Scan:
             "labels": labels,
             "R_base_flange": R,
             "p_base_flange": of_all(self.p_base_flange, p),
-            "group": of_all(group, P + number),  # fewer than P are at rest
+            # sweeps are numbered behind all at rest, which are fewer than P
+            "group": of_all(group, P + number),
             "orientation": None,
         }
 
