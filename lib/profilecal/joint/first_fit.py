@@ -19,7 +19,6 @@ from profilecal.joint.problem import Fit, Problem
 from profilecal.targets.observations import State
 
 LARGEST_ERROR_MM = 2.0  # of a robot's position that nothing is stated of
-MANY = 0.1  # of the poses: if more contradict a robust fit, it is searched for anew
 
 
 def least_squares(problem: Problem, state: State) -> Fit:
@@ -37,13 +36,14 @@ def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
 
     The fits are `fits`, by least squares, where no pose contradicts the best of these
     and residuals are as usual; else they are by Cauchy's loss. Many bad poses hide each
-    other: where many poses contradict also the best fit by Cauchy's loss, or its
-    residuals are large, another search comes first.
+    other: where residuals of most poses are large in the best fit by Cauchy's loss,
+    too, another search comes first.
     """
-    if usual_mm and not is_doubtful(problem, fits, usual_mm, 0.0):
+    are_usual = not are_large(problem, fits, usual_mm)
+    if are_usual and not contradicting(problem, fits, usual_mm).any():
         return fits
     by_most = robust_fit(problem, fits.state)
-    if is_doubtful(problem, by_most, usual_mm, MANY):
+    if are_large(problem, by_most, usual_mm):
         by_most = robust_fit(problem, search_among_outliers(problem, by_most.state))
     agreeing = ~contradicting(problem, by_most, usual_mm)
     too_few_agree = problem.counts_or_1[agreeing].sum() <= problem.n
@@ -52,12 +52,11 @@ def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
     return by_most
 
 
-def is_doubtful(problem: Problem, fits: Fit, usual_mm: float, share: float) -> bool:
-    """Whether residuals of the best fit are twice as large as usual, or more than a
-    share of the poses contradict it.
+def are_large(problem: Problem, fits: Fit, usual_mm: float) -> bool:
+    """Whether residuals of most poses are more than twice as large as usual in the best
+    fit; so they are where nothing says what is usual.
     """
-    is_large = bool(usual_mm) and typical_mm(problem, fits) > 2 * usual_mm
-    return is_large or np.mean(contradicting(problem, fits, usual_mm)) > share
+    return typical_mm(problem, fits) > 2 * usual_mm
 
 
 def contradicting(problem: Problem, fits: Fit, usual_mm: float) -> ndarray:
