@@ -14,7 +14,7 @@ from itertools import compress
 import numpy as np
 from numpy import ndarray
 from scipy.linalg import block_diag
-from scipy.special import fdtri, ndtri
+from scipy.special import fdtri, ndtr
 
 from profilecal.calibration.evidence import Evidence, evidence
 from profilecal.geometry.noise import FALSE_ALARM, normalised_square
@@ -59,6 +59,11 @@ class Finding:
     clear: float  # the size of the correction over its standard deviation
     moves: ndarray  # (6,) how it moves the sensor pose, mm and rad
     not_allowed_for: float  # the chance that the answer did not allow for as much
+
+    @property
+    def chance(self) -> float:
+        """That it looks so clear where nothing is wrong."""
+        return float(2 * ndtr(-self.clear))
 
     @property
     def words(self) -> str:
@@ -229,8 +234,7 @@ def contradictions(solution: Solution) -> tuple[list[str], bool]:
 
 def clear_findings(findings: list[Finding]) -> list[Finding]:
     """Those that chance does not explain, clearest first."""
-    limit = -ndtri(FALSE_ALARM / 2 / (len(findings) or 1))
-    clear = [one for one in findings if one.clear > limit]
+    clear = [one for one in findings if one.chance * len(findings) < FALSE_ALARM]
     clear.sort(key=lambda one: -one.clear)
     return [one for one in clear if one.clear > SHADOW * clear[0].clear]
 

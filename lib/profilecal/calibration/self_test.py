@@ -20,7 +20,7 @@ from numbers import Integral
 import numpy as np
 from numpy import ndarray
 from numpy.random import Generator
-from scipy.special import bdtr, ndtr
+from scipy.special import bdtr
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.plausibility import systematic_tests
@@ -158,7 +158,7 @@ def self_test(found: Calibration, count: int = 100, seed: int = 1) -> SelfTest:
         error = difference(again.pose, solution.pose)
         squares.append(normalised_square(again.covariance, error))
     tests = systematic_tests(solution)
-    chances = {one.words: float(2 * ndtr(-one.clear)) for one in tests}
+    chances = {one.words: one.chance for one in tests}
     return SelfTest(np.array(squares), chances)
 
 

@@ -4,7 +4,7 @@ Angles about fixed axes multiply from the right: "xyz" of (w, p, r) is R = Rz(r)
 Rx(w). A convention is added by a line in CONVENTIONS; nothing else names its columns.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -53,7 +53,7 @@ CONVENTIONS = (
 )
 
 
-def find_convention(columns: Iterable[str]) -> Convention:
+def find_convention(columns: Collection[str]) -> Convention:
     """The convention whose columns are all there.
 
     Raises ValueError where there is none, or more than one.
@@ -61,12 +61,11 @@ def find_convention(columns: Iterable[str]) -> Convention:
     >>> find_convention(["pose", "x", "y", "z", "w", "p", "r"]).meaning
     'R = Rz(R) Ry(P) Rx(W)'
     """
-    titles = [*columns]
-    fitting = [one for one in CONVENTIONS if {*one.columns} <= {*titles}]
+    fitting = [one for one in CONVENTIONS if {*one.columns} <= {*columns}]
     if len(fitting) != 1:
         blocks = "; ".join(", ".join(one.columns) for one in CONVENTIONS)
         names = " and ".join(one.name for one in fitting)
-        found = names or f"none among {listed(titles)}"
+        found = names or f"none among {listed(columns)}"
         raise ValueError(
             f"expected one block of orientation columns, {blocks}; found {found}"
         )
