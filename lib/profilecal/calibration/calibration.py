@@ -78,7 +78,7 @@ class Calibration:
         """As `write_answer` writes it and `read_answer` reads it. Raises
         UnobservableError.
         """
-        _ = self.known_solution
+        _ = self.known_solution  # raises where there is none
         return answer_of(self.to_json() | {"made": self.made})
 
     @property

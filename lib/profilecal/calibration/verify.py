@@ -94,7 +94,7 @@ class Verification:
         """Whether the scan tells all directions in which the pose is stated to be
         known, and does not contradict itself.
         """
-        known = of_covariance(self.stated).sd < 1
+        known = of_covariance(self.stated).sd < 1  # better than by hand
         tells_all = len(self.apart) >= int(np.count_nonzero(known))
         return tells_all and not self.is_misread
 
