@@ -112,16 +112,16 @@ class Block:
                                    or of words, a label
         """
         columns = [column_titled(*one) for one in enumerate(self.titles)]
-        for name, own in self.lists_among(columns).items():
-            is_long = len(own) > LARGEST_POSE
+        for name, numbered in self.lists_among(columns).items():
+            is_long = len(numbered) > LARGEST_POSE
             axis = column_titled(0, name).role if name else "z"
             if is_long and axis in XYZ:
-                roles, owner = [axis] * len(own), name
+                roles, owner = [axis] * len(numbered), name
                 if not name:
-                    roles[0] = role_before_heights(self.table[own[0].at])
+                    roles[0] = role_before_heights(self.table[numbered[0].at])
             else:
-                roles, owner = self.roles_of_list(name, own)
-            for column, role in zip(own, roles, strict=False):
+                roles, owner = self.roles_of_list(name, numbered)
+            for column, role in zip(numbered, roles, strict=False):
                 columns[column.at] = column._replace(role=role, owner=owner)
         return columns
 
@@ -135,7 +135,7 @@ class Block:
                 lists[match[1]].append(column)
         return lists
 
-    def roles_of_list(self, name: str, own: list[Column]) -> tuple[list[str], str]:
+    def roles_of_list(self, name: str, numbered: list[Column]) -> tuple[list[str], str]:
         """The roles of a list's numbers, and whose they are: told by its name, by the
         name's last word or by its first, or for any name by how many there are::
 
@@ -144,7 +144,7 @@ class Block:
             T_base_flange, 16     r11 r12 r13 x … 0 0 0 1, of t_base_flange
             joints, 6             none: not known
         """
-        cells = self.table[[column.at for column in own]]
+        cells = self.table[[column.at for column in numbered]]
         has_words = cells.select_dtypes("number").shape != cells.shape
         if has_words or not (name or self.is_bare):
             return [], name
@@ -152,10 +152,10 @@ class Block:
         first, _, after = name.partition("_")
         # by a word, whose numbers they are; of a name that is one word, nobody's
         owners = {name: name, last: before, first: after}
-        if not name or len(own) > 2:  # two numbers of any name are no x and z
+        if not name or len(numbered) > 2:  # two numbers of any name are no x and z
             owners["bare"] = name
         for word, owner in owners.items():
-            for roles in ROLES_OF_LIST[word, len(own)]:
+            for roles in ROLES_OF_LIST[word, len(numbered)]:
                 if has_constants(cells, roles):
                     return roles, owner
         return [], name
@@ -176,7 +176,7 @@ class Block:
             columns = free | own
             turns = conventions_in(own) or conventions_in(columns)
             for turn in turns:
-                names = [self.robot, owner, turn.name * (len(turns) > 1)]
+                names = [self.robot, owner, turn.name if len(turns) > 1 else ""]
                 called = " ".join(filter(None, names))
                 chosen = {role: columns[role] for role in (*XYZ, *turn.columns)}
                 poses[called] = replace(self, called=called, chosen=chosen)

@@ -87,10 +87,10 @@ def measured(profiles: Series, taken: Taken) -> Entries:
     counts = profiles.map(len)
     if counts.max() == 1:
         return {"measured": "points", "values": tuple(profiles)}
-    values = [own if len(own) > 1 else own[:0] for own in profiles]
+    values = tuple(points if len(points) > 1 else points[:0] for points in profiles)
     if (counts < 2).any():
         taken["missing"] += f"; empty: {listed(profiles.index[counts < 2])}"
-    return {"measured": "profiles", "values": tuple(values)}
+    return {"measured": "profiles", "values": values}
 
 
 def read_folder(
@@ -132,7 +132,8 @@ def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
     for path, name in watched([*paths.items()], "reading"):
         is_beside = len(said) == 2 and name not in said
         read = programs_in_file if is_beside else blocks_in_file
-        wanted = [with_rows_wanted(own, layout) for own in read(path, layout.encoding)]
+        every = read(path, layout.encoding)
+        wanted = [with_rows_wanted(block, layout) for block in every]
         blocks = [with_a_point_a_row(block, layout) for block in wanted]
         families.setdefault(name, {})[path] = blocks
     return families
@@ -188,7 +189,7 @@ def which_hold_what(
 
     Raises ScanError; Question where several may.
     """
-    first = {n: next(filter(None, own.values()), []) for n, own in families.items()}
+    first = {n: next(filter(None, f.values()), []) for n, f in families.items()}
     free = [n for n in first if first[n] and n not in (layout.poses, layout.profiles)]
     free.sort(key=lambda name: -len(families[name]))  # most files first
     of_poses = [n for n in free if poses_in(first[n], layout.pose_columns)]

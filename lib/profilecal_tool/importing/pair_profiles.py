@@ -49,6 +49,7 @@ def pair_profiles(
         start, rate = layout.times
         if not rate > 0:
             raise ScanError(f"--times: {rate:g} profiles a second; expected some")
+        # profiles are called by their times
         names = [f"{start + k / rate:.6f}" for k in range(len(names))]
     labels = next(iter(poses.labels.values()), [])
     driven = [labels.index(name) for name in dict.fromkeys(moves) if name in labels]
@@ -197,8 +198,9 @@ def times_of(poses: Block, names: list[str], layout: Layout) -> Times | None:
     of_names = 1.0 if layout.times else unit_s
     cells = poses.table[columns[0].at].astype(str)
     log = np.array([time_said(cell, unit_s) for cell in cells])
-    own = np.array([time_said(name, of_names) for name in names])
-    return Times(log, own) if np.isfinite([*log, *own]).all() else None
+    profiles = np.array([time_said(name, of_names) for name in names])
+    are_known = np.isfinite([*log, *profiles]).all()
+    return Times(log, profiles) if are_known else None
 
 
 def paired_by_time(poses: Block, times: Times) -> Pairing | None:

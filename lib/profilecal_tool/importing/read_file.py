@@ -55,7 +55,7 @@ def blocks_in_file(path: Path, encoding: str) -> Iterable[Block]:
 def programs_in_file(path: Path, encoding: str) -> list[Block]:
     """The blocks of a program; none in any other file, or in one that is damaged."""
     with suppress(ScanError):
-        return [own for own in blocks_in_file(path, encoding) if own.robot]
+        return [block for block in blocks_in_file(path, encoding) if block.robot]
     return []
 
 
@@ -114,19 +114,19 @@ def runs_of_lines(
     """The first line, the end, and the offset in bytes of each run of lines that have
     equally many fields. Blank lines end a run, and so do remarks below numbers.
     """
-    at_top, count = True, content.count(b"\n")
+    at_top, lines = True, content.count(b"\n")
     begin = end = offset_of_run = offset = fields = 0
-    for line in watched(BytesIO(content), f"reading {path.name}", count):
+    for line in watched(BytesIO(content), f"reading {path.name}", lines):
         cells = line.strip(MARKS)
         if line[0] not in b"#%":
             at_top = at_top and not re.search(rb"\d", cells)
         elif not at_top:
             cells = b""
-        own = len(cells.split(between)) if cells else 0
-        if own != fields:
+        count = len(cells.split(between)) if cells else 0
+        if count != fields:
             if fields:
                 yield begin, end, offset_of_run
-            begin, offset_of_run, fields = end, offset, own
+            begin, offset_of_run, fields = end, offset, count
         end += 1
         offset += len(line)
     if fields:
@@ -147,8 +147,8 @@ def row_where_numbers_begin(rows: list[list[str]], decimal: str) -> int | None:
     # NaN for nothing, infinity for a word
     values = [[cell_number(c.replace(decimal, ".")) for c in row] for row in rows]
     begin = None
-    for k, own in enumerate(values):
-        words, numbers = np.isinf(own), np.isfinite(own)
+    for k, row in enumerate(values):
+        words, numbers = np.isinf(row), np.isfinite(row)
         is_title = k + 1 < len(values) and (words & np.isfinite(values[k + 1])).any()
         if not is_title and numbers.sum() > words.any():
             return k if begin is None else begin

@@ -152,8 +152,8 @@ def question_on_columns(
     for column in columns:
         unit = column.unit or (small if column.at in turns else "")
         # such as tcp_x; _x without an owner
-        own = f"{column.owner}_{column.role}" if column.role else column.name
-        name = guessed.get(column.at, own).strip("_") or "_"
+        titled = f"{column.owner}_{column.role}" if column.role else column.name
+        name = guessed.get(column.at, titled).strip("_") or "_"
         titles.append(f"{name} [{unit}]" if unit else name)
     return Question(sentence, pose_columns=",".join(titles))
 
@@ -165,9 +165,8 @@ def missing_roles(
     convention that is begun, or else of this quaternion or FANUC's angles.
     """
     wanted = [axis for axis in XYZ if axis not in known]
-    turn = max(
-        (one.columns for one in CONVENTIONS), key=lambda own: len(begun & {*own})
-    )
+    likely = max(CONVENTIONS, key=lambda one: len(begun.intersection(one.columns)))
+    turn = likely.columns
     if begun.isdisjoint(turn):
         turn = quaternion if free - len(wanted) == 4 else FANUC
     return wanted + [name for name in turn if name not in known]
@@ -193,7 +192,8 @@ def length_of(poses: Block) -> tuple[float, str]:
 
 
 def angle_of(poses: Block) -> tuple[float, str]:
-    """The unit of angles, in that of their convention, and its name.
+    """The unit of angles, in that of their convention, and its name behind a comma; 1
+    and "" for numbers that have none.
 
     Raises Question where it may be another.
     """

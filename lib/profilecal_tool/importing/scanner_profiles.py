@@ -167,8 +167,8 @@ def read_profiles(files: Files, stops: int, layout: Layout, taken: Taken) -> Ser
         parts += found
     if not parts:
         raise ScanError(f"{path}: no profiles in rows where {layout.where or 'any'}")
-    block, columns = parts[0], parts[0].chosen.values()
-    taken["columns"] = ",".join(block.title(column.at) for column in columns)
+    first = parts[0]
+    taken["columns"] = ",".join(first.title(c.at) for c in first.chosen.values())
     xz = np.concatenate([part.numbers_of("xz", blank=True) for part in parts])
     units = units_of_points(parts, layout)
     xz = in_mm(Path(commonpath(files)), xz, units, layout, taken)

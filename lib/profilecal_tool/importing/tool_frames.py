@@ -141,4 +141,4 @@ def entries_of_flange(
     T = homogeneous(entries["R_base_flange"], entries["p_base_flange"])
     T = T @ np.linalg.inv(T_flange_tool)
     flange = {"R_base_flange": T[:, :3, :3], "p_base_flange": T[:, :3, 3]}
-    return {**entries, **flange, "orientation": None}
+    return entries | flange | {"orientation": None}
