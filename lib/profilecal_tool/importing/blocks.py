@@ -236,7 +236,7 @@ def role_before_heights(cells: Series) -> str:
 
 def is_of_other(name: str) -> bool:
     """Whether a name is of something else than the robot."""
-    return bool({*re.split(r"[\W_]+", name.lower())} & WORDS["other"])
+    return not WORDS["other"].isdisjoint(re.split(r"[\W_]+", name.lower()))
 
 
 def label_of(cell: Any) -> str:

@@ -32,7 +32,8 @@ class Times(NamedTuple):
 class Pairing(NamedTuple):
     """The pose of each profile; or, in motion, the poses of the log by time."""
 
-    rows: ndarray  # (P,) of the table of poses, -1: none; or (L,)
+    # of the table of poses: (P,) each profile's, -1: none; in motion (L,) the log's
+    rows: ndarray
     how: str
     times: Times | None = None  # in motion
 

@@ -80,9 +80,9 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
         # a listing of tools is no program: it has no text that programs have
         kinds = every if robot.has in text else ("tool",)
         for kind in kinds:
-            table, others = matches_of(getattr(robot, kind), rest)
+            table, without = matches_of(getattr(robot, kind), rest)
             if kind not in OF_MOVES:  # a move may have a pose in it, which comes later
-                rest = others
+                rest = without
             if len(table):
                 titles = [*table.columns]
                 table = table.set_axis(range(len(titles)), axis=1)

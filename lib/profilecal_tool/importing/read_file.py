@@ -178,7 +178,7 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     mark, decimal = dialect(content[:BEGIN].decode(errors="ignore"))
     between = mark and mark.encode()
     stream = BytesIO(content)
-    known, after = [], 0  # titles above, and the end of the last table under them
+    above, end_above = [], 0  # titles above, and the end of the last table under them
     for begin, end, offset in runs_of_lines(path, content, between):
         stream.seek(offset)
         rows = cells_of(islice(stream, min(end - begin, HEAD)), between)
@@ -186,14 +186,14 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         if first is None:
             continue
         count, titles = len(rows[0]), titles_in(rows[:first])
-        if not titles and count == len(known):
-            titles = known
+        if not titles and count == len(above):
+            titles = above
         # right under it, or without the first title
-        elif known and not titles and (begin == after or count == len(known) - 1):
-            found = f"{count} fields; expected {len(known)}, as above"
+        elif above and not titles and (begin == end_above or count == len(above) - 1):
+            found = f"{count} fields; expected {len(above)}, as above"
             raise ScanError(f"{path} line {begin + 1}: {found}")
         if titles:
-            known, after = titles, end
+            above, end_above = titles, end
         stream.seek(offset)
         titles = titles or counted(count)
         columns = map(column_titled, range(count), titles)

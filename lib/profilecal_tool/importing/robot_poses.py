@@ -183,9 +183,9 @@ def length_of(poses: Block) -> tuple[float, str]:
         usual = ROBOTS[poses.robot].unit
     elif not units and FARTHEST_M <= farthest < NEAR_MM:
         columns, unit = [*poses.columns], likely_unit(farthest, LIKELY_MM)
-        for place in poses.chosen.values():
-            if place.role in XYZ:
-                columns[place.at] = place._replace(unit=unit)
+        for axis in XYZ:
+            column = poses.chosen[axis]
+            columns[column.at] = column._replace(unit=unit)
         doubt = f"positions up to {farthest:.4g}; cm, in or mm?"
         raise question_on_columns(poses, doubt, columns)
     return scale_of(poses.path, units, usual, LENGTH_UNITS)
@@ -204,7 +204,8 @@ def angle_of(poses: Block) -> tuple[float, str]:
     if doubt := doubt_of_angles(poses, units):
         columns = [*poses.columns]
         if not turn.sequence:  # most often they are W, P, R, and no vector
-            for role, column in zip("xyzwpr", poses.chosen.values(), strict=True):
+            for name, role in zip(turn.columns, FANUC, strict=True):
+                column = poses.chosen[name]
                 columns[column.at] = column._replace(role=role)
         raise question_on_columns(poses, doubt, columns)
     scale, unit = scale_of(poses.path, units, usual, ANGLE_UNITS)

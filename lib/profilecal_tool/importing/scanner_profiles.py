@@ -220,6 +220,7 @@ def profile_of_each_row(block: Block, expected: int) -> tuple[ndarray, list[str]
         x = Series(block.numbers_of("x", blank=True)[:, 0]).ffill().bfill()
         goes_back = x.diff() * (x.iloc[-1] - x.iloc[0]) < 0
         is_stack = goes_back.sum() + 1 == expected
+        # or each row is one, of a point
         begins = goes_back & is_stack | (rows == expected)
     profile = begins.cumsum().to_numpy()
     return profile - profile[0], []

@@ -138,7 +138,8 @@ def entries_of_flange(
         turn, angle = named("FANUC angles"), 1.0
     position, angles = np.split(np.array([tool]), [3], axis=1)
     T_flange_tool = pose_matrices(position * length, angles * angle, turn.name)
-    T = homogeneous(entries["R_base_flange"], entries["p_base_flange"])
-    T = T @ np.linalg.inv(T_flange_tool)
+    # what the entries say of the flange is so far of the tool
+    T_base_tool = homogeneous(entries["R_base_flange"], entries["p_base_flange"])
+    T = T_base_tool @ np.linalg.inv(T_flange_tool)
     flange = {"R_base_flange": T[:, :3, :3], "p_base_flange": T[:, :3, 3]}
     return entries | flange | {"orientation": None}
