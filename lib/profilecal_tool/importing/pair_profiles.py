@@ -54,7 +54,7 @@ def pair_profiles(
         names = [f"{start + k / rate:.6f}" for k in range(len(names))]
     labels = next(iter(poses.labels.values()), [])
     driven = [labels.index(name) for name in dict.fromkeys(moves) if name in labels]
-    found = paired_by_label(poses, names)
+    found = None if layout.times else paired_by_label(poses, names)
     if not found:
         times = times_of(poses, names, layout)
         by_time = paired_by_time(poses, times) if times else None

@@ -780,6 +780,19 @@ def test_a_log_and_profiles_are_a_scan_in_motion(tmp_path):
             import_scan(tmp_path, "plane", {}, Layout(times=times))
 
 
+def test_times_that_are_said_are_no_labels(tmp_path):
+    """A log's counter is not compared with them."""
+    scan = scan_of("plane", scanner={"points": 60})
+    turned = from_rotations(named("quaternion"), scan.R_base_flange)
+    counted = np.arange(len(scan.labels))
+    rows = np.column_stack([counted, 3 + counted, scan.p_base_flange, turned])
+    write_table(tmp_path / "robot.csv", "n,t [s],x,y,z,qw,qx,qy,qz", rows)
+    for k, points in enumerate(scan.values[2:-2]):
+        write_table(tmp_path / f"p{k}.csv", "x,z", points)
+    imported, _ = import_scan(tmp_path, "plane", {}, Layout(times=(5.0, 1.0)))
+    assert_allclose(imported.T_base_flange, scan.T_base_flange[2:-2], atol=1e-6)
+
+
 # real ones
 
 
