@@ -77,6 +77,7 @@ def test_arrays_and_a_folder_give_the_same_answer_to_the_last_digit(kind):
         title=from_folder.title,
         **from_folder.measures,
     )
+    assert from_arrays.convention == "quaternion"  # as which poses are written
     found = [pc.calibrate(scan).to_json() for scan in (from_folder, from_arrays)]
     assert found[0] == found[1]
 
