@@ -227,8 +227,8 @@ class Perturbation:
     points: Callable | None = None
     # of flange positions (P, 3) in the base: by how much they are wrong, mm
     positions: Callable = np.zeros_like
-    # the name of a target's length, its mm, the target's kind and all of its lengths
-    length: tuple[str, float, str, tuple[float, ...]] | None = None
+    # a target's kind, its lengths, mm, and the number of the one that is wrong
+    length: tuple[str, tuple[float, ...], int] | None = None
     # of times (P,) by the scanner's clock: by how much they are wrong, s
     clock: Callable | None = None
     # of one that is considered, and never another: answers in files know it by this
@@ -331,22 +331,25 @@ def of_target(observations: Sequence[Observations]) -> list[Perturbation]:
     """The targets' errors: wrong lengths. Targets of one kind and of the same lengths
     are taken for one that several scans saw; each other target is wrong by itself.
     """
-    known = {(seen.kind, seen.sizes): seen.target.lengths for seen in observations}
-    lengths = [
-        (name, mm, kind, sizes)
-        for (kind, sizes), names in known.items()
-        for name, mm in zip(names, sizes, strict=True)
-    ]
-    several = len({length[2:] for length in lengths}) > 1
+    known = {
+        (seen.kind, seen.sizes): seen.target.lengths
+        for seen in observations
+        if seen.sizes
+    }
     errors = []
-    for length in lengths:
-        name, mm, kind, sizes = length
-        which = f"{kind}'s {name} of {mm:g} mm" if several else name
-        words = f"the {which} was too {{}} by {{}} mm"
-        own = f"{name} of {kind} {' x '.join(f'{size:.12g}' for size in sizes)}"
-        errors.append(
-            Perturbation(words, 1, prior="tolerance_mm", length=length, name=own)
-        )
+    for (kind, sizes), names in known.items():
+        target = f"{kind} {' x '.join(f'{size:.12g}' for size in sizes)}"
+        for number, (name, mm) in enumerate(zip(names, sizes, strict=True)):
+            which = f"{kind}'s {name} of {mm:g} mm" if len(known) > 1 else name
+            errors.append(
+                Perturbation(
+                    f"the {which} was too {{}} by {{}} mm",
+                    1,
+                    prior="tolerance_mm",
+                    length=(kind, sizes, number),
+                    name=f"{name} of {target}",
+                )
+            )
     return errors
 
 

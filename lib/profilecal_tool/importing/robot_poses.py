@@ -223,8 +223,8 @@ def doubt_of_angles(poses: Block, units: set[str]) -> str:
     if is_vector:
         length = np.linalg.norm(numbers, axis=1).max()
         found = f"a vector of {length:.4g} rad is longer than pi; are they w, p, r?"
-        is_none = length > np.pi and not poses.robot
-        return f"{found} (in deg: convert it to rad)" if is_none else ""
+        is_no_vector = length > np.pi and not poses.robot
+        return f"{found} (in deg: convert it to rad)" if is_no_vector else ""
     largest = np.abs(numbers).max()
     is_small = largest <= 2 * np.pi
     return f"angles up to {largest:.4g}; which, rad or deg?" if is_small else ""

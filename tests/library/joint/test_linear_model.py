@@ -240,7 +240,7 @@ def erring(seen, error, h: float):
     """
     if error.length:
         sizes = np.array(seen.sizes)
-        sizes[seen.target.lengths.index(error.length[0])] += h
+        sizes[error.length[2]] += h
         return replace(seen, sizes=tuple(sizes))
     if error.points:
         x, z = np.moveaxis(seen.points, -1, 0)
