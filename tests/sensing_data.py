@@ -5,11 +5,6 @@ from sensing data.
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from profilecal.closed_form.two_step import (
-    TwoStepSolution,
-    solve_rotation,
-    solve_translation,
-)
 from profilecal.simulation.scene import random_scene
 
 
@@ -40,16 +35,6 @@ def ball_data(rng, translating=4, turning=4):
     q[:translating] = corners + rng.uniform(-5, 5, (translating, 3))
     in_base = np.einsum("nab,nb->na", R_tcp, q @ R_sensor.T + T_sensor)
     return (R_sensor, T_sensor), (R_tcp, rng.uniform(-500, 500, 3) - in_base, q)
-
-
-def ball_equations(R_tcp, T_tcp, q, translating):
-    """What `solve_ball` solves where the first poses are those that translate."""
-    X = q[0] - q[1:translating]
-    Y = (T_tcp[1:translating] - T_tcp[0]) @ R_tcp[0]
-    X, Y = (v.T / np.linalg.norm(v, axis=1) for v in (X, Y))
-    rotation = solve_rotation(X, Y)
-    given = R_tcp[translating:], T_tcp[translating:], q[translating:]
-    return TwoStepSolution(rotation, solve_translation(*given, rotation.R_sensor))
 
 
 def point_data(rng, poses=10):

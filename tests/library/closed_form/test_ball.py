@@ -34,8 +34,9 @@ def test_table_III_gives_equations_53_and_56():
     box = published.RoundingBox("disk", "Table III", ("R_tcp", "T_tcp", "q"))
     alike = box.draw(500, default_rng(1))
     R_tcp = rotation_from_xyz_angles(alike["R_tcp"])
+    R_tcp[:, 1:4] = R_tcp[:, :1]  # they translate, which their rounding hides
     drawn = zip(R_tcp, alike["T_tcp"], alike["q"], strict=True)
-    accuracies = [scenes.ball_equations(*one, 4).translation.accuracy for one in drawn]
+    accuracies = [solve_ball(*one).translation.accuracy for one in drawn]
     low, high = np.quantile(accuracies, [0.025, 0.975])
     assert low < published.values("disk", "Eq. 56", "accuracy") < high
 

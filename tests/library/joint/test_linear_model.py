@@ -22,11 +22,9 @@ from profilecal.joint.restricted_likelihood import gradient
 from profilecal.simulation.scene import random_scene
 from profilecal.targets.observations import PoseGroups
 
-# Two targets: profiles 0 to 4 have five residuals, 5 to 8 three; six poses of three
-# orientations
+# Six poses of three orientations
 POSE = np.array([0, 0, 1, 2, 3, 4, 5, 5, 2])
 GROUPS = PoseGroups(POSE, np.array([0, 0, 0, 1, 2, 2]), POSE)
-COUNTS = np.array([5] * 5 + [3] * 4)
 PROFILES = np.arange(9)
 # variances of the scanner and the robot, mm² and degrees²
 V = np.array([1.3, 0.4, 0.9, 0.7, 0.5, 0.3, 0.2])
@@ -56,19 +54,19 @@ class Smooth:
 class Dense:
     """A random model, and its residuals r, derivatives A and covariance written out."""
 
-    def __init__(
-        self, rank=5, groups=GROUPS, counts=COUNTS, names=ROBOT, seed=1, smooth=False
-    ):
-        """`rank`: how many residuals of the first profiles an error of the flange can
-        move; `smooth`: whether errors vary smoothly too. Where clocks jitter, the first
-        column of A is the derivative by time.
+    def __init__(self, rank=5, groups=GROUPS, names=ROBOT, smooth=False):
+        """Of two targets: the first five profiles have five residuals each, of which an
+        error of the flange can move `rank`, all others have three. `smooth`: whether
+        errors vary smoothly too. Where clocks jitter, the first column of A is the
+        derivative by time.
         """
-        rng = default_rng(seed)
-        there = np.arange(max(counts)) < counts[:, None]  # of the padded residuals
+        rng = default_rng(1)
+        counts = np.full(len(groups.pose), 3)
+        counts[:5] = 5
+        there = np.arange(5) < counts[:, None]  # of the padded residuals
         units = np.array([1, 1, 1, 60, 60, 60])  # a degree moves as much as a mm
         E = rng.normal(size=(*there.shape, 6))
-        moved_alike = rng.normal(size=(5, max(counts), rank))
-        E[:5] = moved_alike @ rng.normal(size=(5, rank, 6))
+        E[:5] = rng.normal(size=(5, 5, rank)) @ rng.normal(size=(5, rank, 6))
         Y = rng.normal(size=(*there.shape, N + 1))
         clock = 0 if JITTER in names else None
         if JITTER in names:  # time moves the residuals as the flange's motion does
@@ -137,13 +135,6 @@ def test_bends_add_what_they_do_to_a_mean_that_ignores_them(kept):
     assert_allclose(found, v[-1] * np.transpose(moves) @ moves, rtol=1e-8)
 
 
-def test_what_is_taken_out_of_smooth_errors_follows_the_profiles_kept():
-    model = Dense(smooth=True).model
-    for kept in (PROFILES > 3, PROFILES >= 0):
-        model = model.keeping(kept)
-        assert model.smooth.steps == kept.sum()
-
-
 def random_groups(profiles, poses, rng):
     """Profiles in poses and poses in four orientations, some of them alone."""
     pose = np.unique(rng.integers(0, poses, profiles), return_inverse=True)[1]
@@ -171,11 +162,12 @@ def test_the_structure_gives_the_answers_of_the_dense_covariance(
     groups = random_groups(60, poses, rng)
     names = [name for name in ROBOT if name in groups.distinguishable]
     names += [JITTER] * (also == JITTER)
-    dense = Dense(2, groups, np.full(60, 3), names, poses, also == SMOOTH)
+    dense = Dense(2, groups, names, also == SMOOTH)
+    model = dense.model
     v = np.r_[1.0, rng.uniform(0, 1, len(dense.parts) - 1)]
     if zero:
         v[[1, -1]] = 0.0
-    for kept in (np.full(60, True), rng.uniform(size=60) > 0.2):
+    for kept in (rng.uniform(size=60) > 0.2, np.full(60, True)):
         r, A, C = dense.of(np.flatnonzero(kept), v)
         mean, covariance, w, P = textbook(r, A, C, dense.precision)
         rows = kept[dense.profile]
@@ -192,7 +184,8 @@ def test_the_structure_gives_the_answers_of_the_dense_covariance(
             (moved @ w - [np.sum(P * M) for M in parts]) / 2,
             information,
         )
-        model = dense.model.keeping(kept)
+        model = model.keeping(kept)
+        assert also != SMOOTH or model.smooth.steps == kept.sum()
         posterior = model.posterior(np.array([v, 2 * v]))
         of_one = posterior.mean[0, :N], posterior.covariance[0, :N, :N]
         found = *of_one, *gradient(model, model.posterior(v[None]))
@@ -246,27 +239,25 @@ def erring(seen, error, h: float):
         x, z = np.moveaxis(seen.points, -1, 0)
         moved = np.stack(error.points(x, z), axis=-1)
         return replace(seen, points=seen.points + h * moved)
-    R, T = seen.R_flange[0], seen.T_flange[0]
-    if seen.eye_to_hand:
-        R, T = inverse(R, T)
-        _, T = inverse(R, T + h * error.positions(T))
-    else:
-        T = T + h * error.positions(T)
-    return replace(seen, T_flange=T[None])
+    return with_flange(seen, lambda R, T: (R, T + h * error.positions(T)))
 
 
 def with_flange_error(seen, axes, component: int, h: float):
     """Observations from flanges shifted along, or turned about, one of the sensor's
     axes (P, 3, 3), flange frame.
     """
+    error = h * axes[:, :, component % 3]
+    if component < 3:
+        return with_flange(seen, lambda R, T: (R, T + (R @ error[..., None])[..., 0]))
+    return with_flange(seen, lambda R, T: (R @ rotations(error), T))
+
+
+def with_flange(seen, change):
+    """Observations from flanges whose poses in the base are changed."""
     R, T = seen.R_flange[0], seen.T_flange[0]
     if seen.eye_to_hand:
         R, T = inverse(R, T)
-    error = h * axes[:, :, component % 3]
-    if component < 3:
-        T = T + (R @ error[..., None])[..., 0]
-    else:
-        R = R @ rotations(error)
+    R, T = change(R, T)
     if seen.eye_to_hand:
         R, T = inverse(R, T)
     return replace(seen, R_flange=R[None], T_flange=T[None])
