@@ -1,9 +1,10 @@
 """The command line as a user calls it, and notebooks to give it."""
 
-import json
 from pathlib import Path
 
+import nbformat
 from click.testing import CliRunner, Result
+from nbformat.v4 import new_code_cell, new_notebook
 
 from profilecal_tool.cli import main
 
@@ -17,22 +18,7 @@ def run(*arguments) -> Result:
 
 def write_notebook(path: Path, parameters: str, *codes: str) -> Path:
     """Write a notebook with a cell of parameters and cells of code."""
-    cells = [
-        {
-            "cell_type": "code",
-            "id": f"c{number}",
-            "metadata": {"tags": [] if number else ["parameters"]},
-            "source": source,
-            "execution_count": None,
-            "outputs": [],
-        }
-        for number, source in enumerate([parameters, *codes])
-    ]
-    notebook = {
-        "cells": cells,
-        "metadata": {"kernelspec": KERNEL},
-        "nbformat": 4,
-        "nbformat_minor": 5,
-    }
-    path.write_text(json.dumps(notebook))
+    cells = [new_code_cell(source) for source in (parameters, *codes)]
+    cells[0].metadata["tags"] = ["parameters"]
+    nbformat.write(new_notebook(cells=cells, metadata={"kernelspec": KERNEL}), path)
     return path
