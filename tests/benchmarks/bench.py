@@ -3,7 +3,6 @@
 Once it is imported, the tests' helpers can be, too.
 """
 
-import statistics
 import sys
 import time
 from pathlib import Path
@@ -18,19 +17,12 @@ def seconds(function, clock=time.process_time) -> float:
     return clock() - start
 
 
-def best_of(count: int, function) -> float:
-    """Least CPU time of `count` calls."""
-    return min(seconds(function) for _ in range(count))
-
-
-def medians(*functions, repeats: int = 5, clock=time.process_time) -> list[float]:
-    """Median times of functions that take turns, so that a busy machine slows all
+def least(*functions, repeats: int = 5) -> list[float]:
+    """Least CPU times of functions that take turns, so that a busy machine slows all
     alike.
     """
-    rounds = [
-        [seconds(function, clock) for function in functions] for _ in range(repeats)
-    ]
-    return [statistics.median(taken) for taken in zip(*rounds, strict=True)]
+    rounds = [[seconds(function) for function in functions] for _ in range(repeats)]
+    return [min(taken) for taken in zip(*rounds, strict=True)]
 
 
 def at_most(most: float, name, ours_s, reference, reference_s, met=True) -> dict:

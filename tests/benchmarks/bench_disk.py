@@ -3,7 +3,7 @@ peer's ellipse fit.
 """
 
 import numpy as np
-from bench import at_most, medians
+from bench import at_most, least
 from disk_trials import noisy_tips, solved
 
 from profilecal.closed_form.disk import (
@@ -67,7 +67,7 @@ def loop(m: int, trials: int, sigma_mm: float) -> np.ndarray:
 def against_a_loop() -> dict:
     """One calibration, against a loop over a peer's fit with the same noise."""
     m, sigma_mm, few, many = 100, 0.4, 100, 2000
-    study_s, loop_s = medians(
+    study_s, loop_s = least(
         lambda: study([sigma_mm], [m], many),
         lambda: loop(m, few, sigma_mm),
         repeats=3,
@@ -81,7 +81,7 @@ def against_a_loop() -> dict:
 
 
 def rows() -> list[dict]:
-    ours_s, draw_s = medians(study, draw)
+    ours_s, draw_s = least(study, draw)
     return [
         at_most(2, "Fig. 15 grid, chord noise", ours_s, "drawing its normals", draw_s),
         against_a_loop(),
