@@ -1,7 +1,8 @@
-"""The pages hold what the papers print: every numbered equation, every table, every
-result.
+"""The pages hold what the papers print, every numbered equation, every table, every
+result; and the front page's pictures.
 """
 
+import base64
 import json
 import re
 from collections import Counter, defaultdict
@@ -13,12 +14,10 @@ import pytest
 from profilecal_pages.items import MIME, from_json
 from profilecal_papers import monte_carlo, published
 
-NOTEBOOKS = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
-
-
+ROOT = Path(__file__).parents[2]
 CELLS = {
     path.stem: json.loads(path.read_text(encoding="utf-8"))["cells"]
-    for path in NOTEBOOKS
+    for path in sorted((ROOT / "notebooks").glob("*.ipynb"))
 }
 # what each page shows: the data of its outputs
 SHOWN = {
@@ -125,3 +124,14 @@ def test_only_numbers_that_were_seen_to_fail_count_and_those_that_differ_say_why
             assert not all(inside), (item.item, row)
             counted += 1
     assert counted > 60
+
+
+@pytest.mark.parametrize(
+    ("picture", "page"), [("answer", "00_start_here"), ("tiles", "01_side_by_side")]
+)
+def test_pictures_of_the_front_page_are_the_first_of_their_pages(picture, page):
+    first = next(data["image/png"] for data in SHOWN[page] if "image/png" in data)
+    of_front_page = (ROOT / "docs" / f"{picture}.png").read_bytes()
+    # said as true or false: a comparison of bytes would take minutes to print
+    same = of_front_page == base64.b64decode(first)
+    assert same
