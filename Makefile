@@ -17,8 +17,7 @@ test: .venv/installed
 	    -p xdist -n auto --dist loadfile --no-loadscope-reorder -p nbval --nbval --nbval-current-env --nbval-cell-timeout=600 \
 	    notebooks tests # the long ones first
 
-bench: .venv/installed # CPU time against peers, which the extra installs; writes results/bench.csv
-	@{ command -v uv >/dev/null && uv pip install -q --python .venv/bin/python -e ".[bench]" || .venv/bin/pip install -q -e ".[bench]"; }
+bench: .venv/installed # CPU time against peers and plain loops; writes results/bench.csv
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/run.py
 
 bench-large: .venv/installed # scans of up to 100,000 profiles: some minutes
