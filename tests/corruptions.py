@@ -25,11 +25,11 @@ def example(kind):
     return files, np.array(truth["T_flange_sensor"])
 
 
-def some(rng, count, least=1, most=None):
+def some(rng, count, most=None):
     """A few of `count` rows, or a share of them."""
-    most = most or max(least, count // 2)
-    number = round(float(np.exp(rng.uniform(np.log(least), np.log(most)))))
-    return rng.choice(count, min(count, max(least, number)), replace=False)
+    most = most or max(1, count // 2)
+    number = round(np.exp(rng.uniform(0, np.log(most))))
+    return rng.choice(count, min(count, number), replace=False)
 
 
 def any_size(rng, low, high):
@@ -73,7 +73,7 @@ def on_points(function, rng, content):
     def of_table(rng, table):
         parts = dict(list(table.groupby("pose", sort=False)))
         labels = list(parts)
-        for k in some(rng, len(labels), 1, len(labels)):
+        for k in some(rng, len(labels), len(labels)):
             x, z = function(rng, parts[labels[k]][["x", "z"]].to_numpy(float)).T
             parts[labels[k]] = pd.DataFrame({"pose": labels[k], "x": x, "z": z})
         return pd.concat(parts.values())
@@ -88,7 +88,7 @@ def bytes_flipped(rng, content):
     places = range(len(content))
     if digits_alone := rng.uniform() < 0.5:
         places = [i for i, byte in enumerate(content) if byte in digits]
-    for i in some(rng, len(places), 1, 30):
+    for i in some(rng, len(places), 30):
         content[places[i]] = one(rng, digits if digits_alone else range(256))
     return content
 
@@ -134,7 +134,7 @@ CELLS = [
 @corruption(on_table, "poses.csv", "profiles.csv")
 def cells_replaced(rng, table):
     table = table.astype(object)
-    for row in some(rng, len(table), 1, 20):
+    for row in some(rng, len(table), 20):
         table.iat[row, rng.integers(table.shape[1])] = one(rng, CELLS)
     return table
 

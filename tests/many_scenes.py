@@ -33,10 +33,3 @@ def errors(state: State, truth: State) -> np.ndarray:
     return pose_error(
         state.rotation, state.translation, truth.rotation, truth.translation
     )
-
-
-def assert_exact(error: np.ndarray) -> None:
-    """To 1e-9° and 1e-9 mm, for errors (..., 6)."""
-    shift, turn = error[..., :3], error[..., 3:]
-    assert np.degrees(np.linalg.norm(turn, axis=-1)).max() < 1e-9
-    assert np.linalg.norm(shift, axis=-1).max() < 1e-9

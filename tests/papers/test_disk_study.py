@@ -8,11 +8,10 @@ from disk_trials import one_by_one
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 
+from profilecal_papers import monte_carlo
 from profilecal_papers.disk_study import disk_study, fig15_scans
 
 TRIALS = 12
-
-
 SCANS = fig15_scans((-0.9, 0.3))
 
 
@@ -26,7 +25,9 @@ SCANS = fig15_scans((-0.9, 0.3))
         ("isotropic", "published", 15.0),  # too much: some arccos is impossible
     ],
 )
-def test_disk_study_equals_the_plain_loop(noise, heights, sigma, m):
+def test_disk_study_equals_the_plain_loop(noise, heights, sigma, m, monkeypatch):
+    """In blocks of 7 trials, and of one."""
+    monkeypatch.setattr(monte_carlo, "BLOCK", 70)
     kind = {"noise": noise, "heights": heights}
     study = disk_study(SCANS, sigma, m, TRIALS, default_rng(5), **kind)
     expected = one_by_one(SCANS, sigma, m, TRIALS, default_rng(5), **kind)

@@ -1,4 +1,4 @@
-"""What the noise studies share: neither workers nor blocks change a number, and the
+"""What the noise studies share: workers do not change a number, and the
 quick rotation is the right one.
 """
 
@@ -19,19 +19,6 @@ def test_the_number_of_workers_changes_nothing():
     )
     for found in others:
         assert_array_equal(found, alone)
-
-
-def test_the_size_of_a_block_changes_nothing(monkeypatch):
-    def drawn(block):
-        monkeypatch.setattr(monte_carlo, "BLOCK", block)
-        sd, rng = [[0.1], [2.0]], default_rng(11)
-        blocks = monte_carlo.noisy_blocks(np.ones((2, 3)), sd, 50, rng)
-        return np.concatenate([values.copy() for _, values, *_ in blocks])
-
-    whole = drawn(10**6)
-    assert whole.shape == (50, 2, 3)
-    assert_array_equal(drawn(70), whole)
-    assert_array_equal(drawn(1), whole)
 
 
 def test_the_quick_rotation_is_that_of_the_svd_for_small_turns_and_large_ones():
