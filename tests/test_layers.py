@@ -24,13 +24,10 @@ MODULES = sorted(LIB.rglob("*.py"))
 def imported_modules(path):
     """The modules of ours that a file imports, by their full names."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom):
-            named = [f"{node.module}.{alias.name}" for alias in node.names]
-        elif isinstance(node, ast.Import):
-            named = [alias.name for alias in node.names]
-        else:
-            named = []
-        yield from (name for name in named if name.startswith("profilecal"))
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            package = f"{node.module}." if isinstance(node, ast.ImportFrom) else ""
+            names = [package + alias.name for alias in node.names]
+            yield from (name for name in names if name.startswith("profilecal"))
 
 
 def room_of(module):

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 from many_scenes import SIGMA
 from numpy.random import default_rng
-from numpy.testing import assert_array_equal
 
 from profilecal.geometry.noise import Noise, normalised_square
 from profilecal.geometry.poses import pose_error
-from profilecal.joint.problem import Problem
 from profilecal.joint.solve import UNSETTLED, solve
 from profilecal.simulation.scene import random_scene
 
@@ -59,13 +57,6 @@ def test_a_pose_between_the_limits_of_rejection_does_not_come_and_go():
     T_flange = seen.T_flange.copy()
     T_flange[0, 5] += 0.08 * rng.normal(size=3)
     assert solve([replace(seen, T_flange=T_flange)], NOISE).status == "ok"
-
-
-def test_a_step_of_zero_leads_nowhere():
-    scene = random_scene("ball", default_rng(1))
-    problem = Problem([scene.observations], NOISE)
-    _, state = problem.after_step(scene.truth, np.zeros(problem.n))
-    assert_array_equal(state.translation, scene.truth.translation)
 
 
 @pytest.mark.parametrize(
