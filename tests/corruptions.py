@@ -71,12 +71,12 @@ def on_points(function, rng, content):
     """Of points (n, 2) of some profiles."""
 
     def of_table(rng, table):
-        parts = dict(list(table.groupby("pose", sort=False)))
-        labels = list(parts)
-        for k in some(rng, len(labels), len(labels)):
-            x, z = function(rng, parts[labels[k]][["x", "z"]].to_numpy(float)).T
-            parts[labels[k]] = pd.DataFrame({"pose": labels[k], "x": x, "z": z})
-        return pd.concat(parts.values())
+        parts = list(table.groupby("pose", sort=False))
+        for k in some(rng, len(parts), len(parts)):
+            label, part = parts[k]
+            x, z = function(rng, part[["x", "z"]].to_numpy(float)).T
+            parts[k] = label, pd.DataFrame({"pose": label, "x": x, "z": z})
+        return pd.concat(part for _, part in parts)
 
     return on_table(of_table, rng, content)
 

@@ -32,10 +32,10 @@ def at_most(most: float, name, ours_s, reference, reference_s, met=True) -> dict
     ratio = ours_s / reference_s
     return {
         "name": name,
-        "ours_s": float(ours_s),
+        "ours_s": ours_s,
         "reference": reference,
-        "reference_s": float(reference_s),
-        "ratio": float(ratio),
+        "reference_s": reference_s,
+        "ratio": ratio,
         "target": f"ratio ≤ {most:g}",
-        "met": bool(ratio <= most and met),
+        "met": ratio <= most and met,
     }

@@ -13,15 +13,11 @@ from dask.system import CPU_COUNT
 from profilecal_tool.sweep import sweep
 
 RUNS = 40
+WALL = time.perf_counter
 SECOND = """import time
 from profilecal_pages.notebooks import record
 time.sleep(1)
 record(y=n)"""
-
-
-def wall(function, *arguments) -> float:
-    """Wall time of a call."""
-    return seconds(lambda: function(*arguments), time.perf_counter)
 
 
 def serial(notebook: Path, folder: Path) -> None:
@@ -40,7 +36,8 @@ def rows() -> list[dict]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         notebook = write_notebook(folder / "second.ipynb", "n: int = 0", SECOND)
-        alone = wall(serial, notebook, folder)
-        every = wall(sweep, notebook, {"n": list(range(RUNS))}, folder / "every")
+        grid = {"n": list(range(RUNS))}
+        alone = seconds(lambda: serial(notebook, folder), WALL)
+        every = seconds(lambda: sweep(notebook, grid, folder / "every"), WALL)
     cores = f"sweep: {RUNS} runs of 1 s on {CPU_COUNT} cores"
     return [at_most(0.6, cores, every, "papermill, serial", alone)]

@@ -15,10 +15,6 @@ def scene_of(seed=1, shape=(), sigma=0.0, **plan):
     return study.edge_scenes(EdgePlan(**plan), Noise(sigma), default_rng(seed), shape)
 
 
-def solution_of(scene):
-    return edge_equations(scene.poses.rotations, scene.poses.positions, scene.points)
-
-
 @pytest.mark.parametrize("tilt", [0, 30, 90])
 def test_an_arc_has_its_radius_its_span_and_its_angle_with_the_edge(tilt):
     plan = {"groups": 1, "positions": 11, "radius": 25, "span_deg": 60}
@@ -59,7 +55,9 @@ def test_angles_are_signed_and_turn_with_a_group():
     """A group turned about the edge's normal by a small angle deviates by that much
     more, to one side; the second of three scenes.
     """
-    solution = solution_of(scene_of(shape=(3,), sigma=0.1, motion="space"))
+    scene = scene_of(shape=(3,), sigma=0.1, motion="space")
+    poses = scene.poses
+    solution = edge_equations(poses.rotations, poses.positions, scene.points)
     angles = study.angle_deviations(solution)
     assert angles.shape == (3, 25)
     assert angles.min() < 0 < angles.max()
