@@ -14,13 +14,14 @@ from simulated import error_of, state_of
 import profilecal as pc
 from profilecal.calibration.observe import observe_all
 from profilecal.geometry.noise import Noise, normalised_square
+from profilecal.joint import prior
 from profilecal.joint.error_sizes import average, likeliest
-from profilecal.joint.prior import USUAL, Prior
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
 from profilecal.simulation.spec import truth_of
 
 SMALL = {"sweeps": 8, "profiles": 20}
+USUAL = {"profile_mm": 0.05, "group_position_mm": 0.05}
 EXACT = {"resolution": 0.0, "quantum": 1e-6}
 MOUNTED = [
     *zip(
@@ -31,10 +32,10 @@ MOUNTED = [
 ]
 
 
-def driven(kind="edge", pattern="weave", seed=1, **entries):
+def driven(
+    kind="edge", pattern="weave", seed=1, mount="eye-in-hand", noise=USUAL, **entries
+):
     """A scan of few sweeps, and its truth."""
-    noise = entries.pop("noise", {"profile_mm": 0.05, "group_position_mm": 0.05})
-    mount = entries.pop("mount", "eye-in-hand")
     scanner = {"points": 200} if noise["profile_mm"] else EXACT
     motion = SMALL | {"pattern": pattern} | entries
     return pc.simulate(
@@ -72,8 +73,8 @@ def test_jitter_that_is_not_known_leaves_the_errors_of_places_known():
     scan, _ = driven()
     problem, state = problem_of(scan)
     model = problem.model(state, ["jitter_ms"])
-    prior = Prior(replace(USUAL, profile_mm=0.05))
-    sizes = average(model, prior, likeliest(model, prior.law(model.names)))
+    usual = prior.Prior(replace(prior.USUAL, profile_mm=0.05))
+    sizes = average(model, usual, likeliest(model, usual.law(model.names)))
     assert sizes.sizes[1].low < sizes.sizes[1].high
     assert sizes.freedom == 1000
 
@@ -168,7 +169,7 @@ FIELD = [
 @pytest.mark.parametrize("number", range(len(FIELD)))
 def test_in_the_field_an_answer_is_right_or_doubted(number):
     """A lag smooths the weave: the residuals tell."""
-    noise = {"profile_mm": 0.05, "group_position_mm": 0.05, "jitter_ms": 0.1}
+    noise = USUAL | {"jitter_ms": 0.1}
     for seed in SEEDS:
         kind = ["edge", "ball", "plane"][(number + seed) % 3]
         entries = FIELD[number] | {"sweeps": 24 if kind == "edge" else 12}

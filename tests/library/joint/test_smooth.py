@@ -18,15 +18,14 @@ from profilecal.joint.smooth import REACH_MM, VIEW_MM, shifting, smooth_errors
 SEEN = np.array([5.0, 0.0, 120.0])
 
 
-def some_errors(seed=1, count=12, to_hand=False):
+def some_errors(to_hand=False):
     """Smooth errors at random poses of a flange, or `to_hand` of a base in its frame;
     the poses, and the sensor's.
     """
-    rng = default_rng(seed)
-    R = rotations(rng.normal(size=(count, 3)) * 0.4)
-    T = rng.normal(size=(count, 3)) * 60 + [900, 0, 300]
-    R_sensor, T_sensor = rotations(rng.normal(size=3)), np.array([60.0, -40.0, 110.0])
-    sensor = R_sensor, T_sensor
+    rng = default_rng(1)
+    R = rotations(rng.normal(size=(12, 3)) * 0.4)
+    T = rng.normal(size=(12, 3)) * 60 + [900, 0, 300]
+    sensor = rotations(rng.normal(size=3)), np.array([60.0, -40.0, 110.0])
     return smooth_errors((R, T), sensor, SEEN, 0.002, to_hand), (R, T), sensor
 
 
