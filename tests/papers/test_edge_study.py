@@ -1,4 +1,6 @@
-"""The edge paper's motions, scenes and measures of error."""
+"""The edge paper's motions, scenes and measures of error; its simulated Tables 1 to 3,
+the fast path against the equations, one scene at a time.
+"""
 
 import numpy as np
 import pytest
@@ -8,17 +10,18 @@ from numpy.testing import assert_allclose
 from profilecal.closed_form.edge import edge_equations
 from profilecal.geometry.noise import Noise
 from profilecal_papers import edge_study as study
+from profilecal_papers import edge_tables as tables
 from profilecal_papers.edge_study import STANDOFF, EdgePlan
 
 
-def scene_of(seed=1, shape=(), sigma=0.0, **plan):
-    return study.edge_scenes(EdgePlan(**plan), Noise(sigma), default_rng(seed), shape)
+def scene_of(shape=(), sigma=0.0, **plan):
+    return study.edge_scenes(EdgePlan(**plan), Noise(sigma), default_rng(1), shape)
 
 
 @pytest.mark.parametrize("tilt", [0, 30, 90])
 def test_an_arc_has_its_radius_its_span_and_its_angle_with_the_edge(tilt):
     plan = {"groups": 1, "positions": 11, "radius": 25, "span_deg": 60}
-    scene = scene_of(shape=(50,), tilt_deg=tilt, **plan)
+    scene = scene_of((50,), tilt_deg=tilt, **plan)
     T = scene.poses.positions[:, 0]
     for apart in (1, 2, 10):  # positions, 6° each
         chords = np.linalg.norm(T[:, apart:] - T[:, :-apart], axis=-1)
@@ -46,16 +49,14 @@ def test_an_arc_is_held_by_its_frame_and_begins_with_the_edge_in_the_middle():
 
 def test_a_line_has_the_length_of_its_diameter():
     T = scene_of(motion="line", radius=25).poses.positions
-    ways = np.diff(T, axis=1)
     assert_allclose(np.linalg.norm(T[:, -1] - T[:, 0], axis=1), 50)
-    assert_allclose(np.diff(ways, axis=1), 0, atol=1e-9)
 
 
 def test_angles_are_signed_and_turn_with_a_group():
     """A group turned about the edge's normal by a small angle deviates by that much
     more, to one side; the second of three scenes.
     """
-    scene = scene_of(shape=(3,), sigma=0.1, motion="space")
+    scene = scene_of((3,), 0.1, motion="space")
     poses = scene.poses
     solution = edge_equations(poses.rotations, poses.positions, scene.points)
     angles = study.angle_deviations(solution)
@@ -69,3 +70,44 @@ def test_angles_are_signed_and_turn_with_a_group():
     assert turned[1, 0] == pytest.approx(0.01, rel=0.05)
     turned[1, 0] = 0
     assert not turned.any()
+
+
+@pytest.mark.parametrize("frame", ["base", "group"])
+def test_a_calibration_is_that_of_the_equations(frame):
+    """With u_b as the page has it: of vectors about their mean, or as they are."""
+    scene = scene_of((3,), 0.1, frame=frame)
+    both = tables.calibrations(scene, (True, False))
+    for count, pair in zip(tables.ROTATIONS, both, strict=True):
+        poses = scene.poses.first(count)
+        solution = edge_equations(
+            poses.rotations, poses.positions, scene.points[:, :count]
+        )
+        for found in pair:
+            assert_allclose(found.R_sensor, solution.R_sensor, atol=1e-9)
+        assert_allclose(np.cross(found.u_b, solution.u_b), 0, atol=1e-9)
+        assert_allclose(found.T_sensor, solution.T_sensor, atol=1e-6)
+        alpha = np.degrees(study.angle_deviations(solution, about_mean=False))
+        assert_allclose(np.abs(found.delta_alpha), np.abs(alpha), atol=1e-6)
+        assert_allclose(found.delta_d, study.line_distances(solution), atol=1e-6)
+
+
+def test_about_the_mean_a_direction_is_that_of_the_points():
+    scene = scene_of((2,), 0.1)
+    *_, (found,) = tables.calibrations(scene)
+    along = study.principal(found.p_b)
+    assert np.abs(np.vecdot(along, found.directions)) == pytest.approx(1)
+    vectors = (found.p_b[:, :, 1:] - found.p_b[:, :, :1]).reshape(2, -1, 3)
+    assert np.abs(np.vecdot(study.principal(vectors), found.u_b)) == pytest.approx(1)
+
+
+def test_without_errors_the_tables_are_zero_and_the_radius_is_right():
+    """And three specimens that share their motions differ by their errors alone."""
+    rng = default_rng(2)
+    (exact,) = tables.columns(EdgePlan(), Noise(), 3, rng, share=True)
+    assert np.abs(exact[..., :4]).max() < 1e-6
+    assert np.abs(exact[..., 4] - tables.BALL_MM).max() < 1e-6
+    scene = study.edge_scenes(EdgePlan(), Noise(0.1), rng, (6,), alike=3)
+    R = scene.poses.rotations
+    assert (R[0] == R[2]).all()
+    assert (R[2] != R[3]).any()
+    assert (scene.points[0] != scene.points[1]).any()

@@ -1,4 +1,6 @@
-"""States of least loss: efficient, and honest about their uncertainty."""
+"""States of least loss: exact without noise, efficient, and honest about their
+uncertainty.
+"""
 
 from dataclasses import replace
 
@@ -10,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import chi2
 
 from profilecal.geometry.noise import Noise, normalised_square
-from profilecal.joint.descent import thin
+from profilecal.joint.descent import refine, search, thin
 from profilecal.joint.first_fit import contradicting, typical_mm
 from profilecal.joint.problem import Problem
 from profilecal.simulation.scene import random_scene
@@ -68,3 +70,18 @@ def test_the_typical_residual_is_as_large_as_the_noise_whatever_it_was_taken_for
         problem = Problem([replace(seen, covariance=uneven)], Noise(1.0))
         fit = problem.moments(scene.truth)
         assert_allclose(typical_mm(problem, fit), SIGMA, rtol=0.1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_noise_free_from_no_guess_at_all(kind):
+    scene = many(kind, 30, 7)
+    best = []
+    for i in range(30):
+        one = scene.observations.take([i])
+        problem = Problem([one], Noise(SIGMA))
+        fits = refine(problem, search(problem))
+        best.append(fits.state[[np.argmin(fits.loss)]])
+    off = errors(best[0].join(*best[1:]), scene.truth).reshape(-1, 2, 3)
+    shift, turn = np.linalg.norm(off, axis=2).T
+    assert shift.max() < 1e-9
+    assert np.degrees(turn).max() < 1e-9

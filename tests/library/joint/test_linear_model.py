@@ -11,8 +11,12 @@ from many_scenes import KINDS, SIGMA
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal
+from simulated import state_of, with_values
 
+import profilecal as pc
+from profilecal.calibration.observe import observe_all
 from profilecal.calibration.plausibility import robot_patterns
+from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.noise import ROBOT, SMOOTH, Noise
 from profilecal.geometry.poses import inverse, rotations
 from profilecal.joint.linear_model import linear_model
@@ -334,3 +338,41 @@ def test_a_length_of_one_target_is_not_that_of_another():
     by_error = [z[0, problem.n : -7].any(axis=(1, 2)) for z in columns]
     assert_array_equal(by_error, np.eye(2)[[0, 1, 1]])
     assert len({error.words for error in errors}) == 2
+
+
+def test_points_that_are_missing_do_not_move_the_place_of_an_edge():
+    scene = random_scene("edge", default_rng(5))
+    points = scene.observations.points.copy()
+    points[:, ::5] = np.nan
+    problem = Problem([replace(scene.observations, points=points)], Noise(SIGMA))
+    state = problem.place(scene.truth.rotation, scene.truth.translation)
+    ((origin, axes),) = state.placements
+    ends = origin + [[0.0], [100.0]] * axes[:, :, 2]
+    assert scene.target.distance(ends).max() < 1e-9
+
+
+def wrongly_seen(error, wrong, circle):
+    """The circle (1, 3) of an arc with an error of the scanner of that size."""
+    angle = np.radians(np.linspace(-50, 50, 21))
+    outwards = np.stack([np.sin(angle), -np.cos(angle)], axis=1)
+    points = circle[:, :2] + circle[:, 2:] * outwards
+    moved = points + wrong * np.stack(error.points(*points.T), axis=1)
+    return fit_circle(moved)[None]
+
+
+@pytest.mark.parametrize("error", OF_SCANNER, ids=lambda error: error.words[:30])
+def test_a_scanner_errs_in_circles_as_in_the_arcs_that_it_saw(error):
+    """The derivative by its error, against circles through arcs that have it."""
+    scan, truth = pc.simulate("ball", seed=1, noise={"profile_mm": 0.0})
+    state = state_of(truth)
+    (placed,) = state.placements
+    residuals = []
+    for size in (1e-6, -1e-6):
+        wrong = with_values(scan, partial(wrongly_seen, error, size))
+        (term,) = Problem(observe_all([wrong])[1], Noise(SIGMA)).terms
+        residuals.append(term.linearise(state, placed)[0, -1])
+    by_error = (residuals[0] - residuals[1]) / 2e-6
+    columns = term.linearise(state, placed)
+    by_flange = term.by_flange(columns, state)
+    (found,) = term.by_error(error, state, placed, columns, by_flange)
+    assert_allclose(found, by_error, atol=0.01 * np.abs(by_error).max())

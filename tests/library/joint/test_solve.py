@@ -9,6 +9,7 @@ import pytest
 from many_scenes import SIGMA
 from numpy.random import default_rng
 
+import profilecal as pc
 from profilecal.geometry.noise import Noise, normalised_square
 from profilecal.geometry.poses import pose_error
 from profilecal.joint.solve import UNSETTLED, solve
@@ -57,6 +58,13 @@ def test_a_pose_between_the_limits_of_rejection_does_not_come_and_go():
     T_flange = seen.T_flange.copy()
     T_flange[0, 5] += 0.08 * rng.normal(size=3)
     assert solve([replace(seen, T_flange=T_flange)], NOISE).status == "ok"
+
+
+def test_what_cannot_be_solved_is_refused():
+    few = random_scene("point", default_rng(22), groups=3).observations
+    sentence = "9 measured coordinates cannot determine 9 unknowns and noise; add"
+    with pytest.raises(pc.UnobservableError, match=sentence):
+        solve([few], NOISE)
 
 
 @pytest.mark.parametrize(
