@@ -1,4 +1,6 @@
-"""The joint calibration against scipy's least_squares, and from files to result."""
+"""The joint calibration against scipy's least_squares, and from files to result; the
+edge method's closed form.
+"""
 
 import tempfile
 from pathlib import Path
@@ -116,8 +118,18 @@ def files_row() -> dict:
     return at_most(1, name, ours, "one second beyond interpreter and imports", 1.0)
 
 
+def edge_row() -> dict:
+    """The closed form of 25 rotations x 10 translations."""
+    scan, _ = pc.simulate("edge", seed=13, groups=25, positions=10)
+    R, T = scan.R_base_flange, scan.p_base_flange
+    points = np.concatenate(scan.values)
+    (ours,) = least(lambda: pc.solve_edge(R, T, points), repeats=50)
+    return at_most(1, "edge: closed form, 25 x 10", ours, "5 ms", 5e-3)
+
+
 def rows() -> list[dict]:
     return [
+        edge_row(),
         disk_row(),
         files_row(),
         scan_row("edge points", "edge", "points", 12),

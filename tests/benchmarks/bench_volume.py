@@ -1,5 +1,6 @@
 """From a scan's files to its answer, ten times as many profiles each time: what it
-takes of time and memory grows with them, not with their square.
+takes of time and memory grows with them, not with their square. And of scans in motion,
+with the delay between both clocks.
 """
 
 import json
@@ -24,6 +25,10 @@ print(json.dumps([status, seconds, kilobytes / 1024]))
 """
 SIZES = (6, 60, 600, 6000)  # profiles of each of ten orientations
 KINDS = {"edge points": "edge", "ball arcs": "ball"}
+WEAVING = {"pattern": "weave"}
+# in the manner of LVS_ST_CALIB, a public simulator of such scans: 10,024 points
+LVS = {"sweeps": 14, "profiles": 716, "speed": 40.0, "delay_ms": -12.0, "turn_deg": 3.0}
+LVS_NOISE = {"profile_mm": 0.02, "jitter_ms": 0.25}
 
 
 def measured(kind: str, **entries) -> tuple[float, float]:
@@ -51,8 +56,18 @@ def within(limit_s: float, limit_mb: float, words: str, kind: str, **entries) ->
 
 
 def rows() -> list[dict]:
-    """A row for each size but the first."""
-    lines = []
+    """Two of scans in motion; one for each size but the first."""
+    lines = [
+        within(3, 2000, "motion: 24 sweeps of 60 edge points", "edge", motion=WEAVING),
+        within(
+            20,
+            2000,
+            "motion: 14 sweeps of 716 edge points",
+            "edge",
+            noise=LVS_NOISE,
+            motion=WEAVING | LVS,
+        ),
+    ]
     for words, kind in KINDS.items():
         before = None
         for size in SIZES:
