@@ -267,17 +267,13 @@ def with_flange(seen, change):
     return replace(seen, R_flange=R[None], T_flange=T[None])
 
 
-def residuals_at(truth, seen):
-    """The residuals (K, P) of observations at the true state, mm."""
-    return Problem([seen], Noise(1.0)).linear(truth)[0][0, -1]
-
-
-def assert_derivative(column, changed, truth):
+def assert_derivative(column, changed, state):
     """A column (K, P) is the derivative of the residuals at a state, by differences, as
     `changed` (h) changes the observations.
     """
     h = 1e-5
-    plus, minus = (residuals_at(truth, changed(step)) for step in (h, -h))
+    problems = [Problem([changed(step)], Noise(1.0)) for step in (h, -h)]
+    plus, minus = (problem.linear(state)[0][0, -1] for problem in problems)
     expected = (plus - minus) / (2 * h)
     assert_allclose(column, expected, atol=1e-4 * max(1, np.abs(expected).max()))
 
