@@ -3,10 +3,10 @@
 import re
 from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy import ndarray
@@ -35,61 +35,64 @@ NUMBERED = re.compile(r"(.*[^\W\d_])_?(\d+)")
 class Column(NamedTuple):
     """What a column of a block is."""
 
-    at: int  # where it stands
-    name: str  # its title without a unit; a number if it has none
+    at: int  # where it stands in the file; -1 for none of the file
+    title: str  # as it stands there; its number if it has none
+    name: str = ""  # the same in small letters, without a unit
     role: str = ""  # such as x, qw, label; "" for what is not known
     owner: str = ""  # what its title names besides: such as tcp in tcp_x or x_tcp
     unit: str = ""  # that its title says
 
+    @property
+    def answer(self) -> str:
+        """A title that says what it is known to be."""
+        owned = f"{self.owner}_{self.role}".strip("_")
+        name = owned if self.role else self.name or "_"
+        return f"{name} [{self.unit}]" if self.unit else name
+
 
 @dataclass(frozen=True)
 class Block:
-    """A table in a file; or, once they are chosen, a pose or points in it."""
+    """A table in a file."""
 
     path: Path
     table: DataFrame  # columns 0, 1, …; the index is where a row stands in the file
-    titles: list[str]  # of the columns; 1, 2, … where there are none
+    columns: list[Column]  # what they are
     robot: str = ""  # the maker whose program it is of
     kind: str = "pose"  # of lines of a program; or "tool", "base", "uses", "moved"
-    called: str = ""  # whose pose or points are chosen, as --entry says it
-    chosen: dict[str, Column] = field(default_factory=dict)  # of a pose or point
     sheet: str = ""  # the name of its sheet, if there are several
+
+    @property
+    def titles(self) -> list[str]:
+        """Of the columns."""
+        return [column.title for column in self.columns]
 
     @property
     def is_bare(self) -> bool:
         """Whether its columns have no titles."""
-        return self.titles == counted(len(self.titles))
+        return self.titles == counted(len(self.columns))
 
-    def title(self, at: int) -> str:
+    def title(self, column: Column) -> str:
         """A column's title, or its number where it has none or others have the same."""
-        title = self.titles[at]
+        title = column.title
         is_name = title.strip() and self.titles.count(title) == 1
-        return title if is_name else str(at + 1)
+        return title if is_name else str(column.at + 1)
 
     def numbers(self, columns: Iterable[Column], blank: bool = False) -> ndarray:
         """Columns as numbers (rows, columns), NaN for blanks if there may be some.
 
         Raises ScanError.
         """
-        cells = {self.title(c.at): self.table[c.at].to_numpy() for c in columns}
+        cells = {self.title(c): self.table[c.at].to_numpy() for c in columns}
         return Table(self.path, cells, self.table.index).numbers(cells, blank)
 
-    def numbers_of(self, roles: Iterable[str], blank: bool = False) -> ndarray:
-        """The same of what is chosen."""
-        return self.numbers([self.chosen[role] for role in roles], blank)
-
-    def units(self, roles: Iterable[str]) -> set[str]:
-        """The units that titles of what is chosen say."""
-        return {self.chosen[role].unit for role in roles} - {""}
-
-    def rows_at(self, rows: Any) -> "Block":
+    def rows_at(self, rows: Any) -> Self:
         """The same of some rows, by where they stand in the table."""
         return replace(self, table=self.table.iloc[rows])
 
-    @property
-    def convention(self) -> Convention:
-        """Of the orientation of the pose that is chosen."""
-        return find_convention(self.chosen)
+    def part(self, called: str, chosen: dict[str, Column]) -> "Part":
+        """What is chosen of it."""
+        own = {entry.name: getattr(self, entry.name) for entry in fields(Block)}
+        return Part(**own, called=called, chosen=chosen)
 
     @property
     def labels(self) -> dict[str, list[str]]:
@@ -98,70 +101,10 @@ class Block:
         """
         unknown = [c for c in self.having("") if self.table[c.at].is_unique]
         free = [*self.having("label"), *unknown]
-        return {self.title(c.at): [*map(label_of, self.table[c.at])] for c in free}
+        return {self.title(c): [*map(label_of, self.table[c.at])] for c in free}
 
     @cached_property
-    def columns(self) -> list[Column]:
-        """What its columns are: of those with a name each, by the name; of a list's
-        numbers by its name and by how many there are::
-
-            tcp_x [m], Speed       x of tcp, in m; Speed is not known
-            tcp_pos_1 … tcp_pos_3  x, y, z of tcp
-            z_1 … z_200            z: a row is a profile
-            200 without titles     z, but for a first one that counts rows, nth,
-                                   or of words, a label
-        """
-        columns = [column_titled(*one) for one in enumerate(self.titles)]
-        for name, numbered in self.lists_among(columns).items():
-            is_long = len(numbered) > LARGEST_POSE
-            axis = column_titled(0, name).role if name else "z"
-            if is_long and axis in XYZ:
-                roles, owner = [axis] * len(numbered), name
-                if not name:
-                    roles[0] = role_before_heights(self.table[numbered[0].at])
-            else:
-                roles, owner = self.roles_of_list(name, numbered)
-            for column, role in zip(numbered, roles, strict=False):
-                columns[column.at] = column._replace(role=role, owner=owner)
-        return columns
-
-    def lists_among(self, columns: list[Column]) -> dict[str, list[Column]]:
-        """Columns that are numbered behind one name, by the name; "" for none."""
-        lists = defaultdict(list)
-        for column in columns:
-            if np.isfinite(title_number(self.titles[column.at])):
-                lists[""].append(column)
-            elif match := NUMBERED.fullmatch(column.name):
-                lists[match[1]].append(column)
-        return lists
-
-    def roles_of_list(self, name: str, numbered: list[Column]) -> tuple[list[str], str]:
-        """The roles of a list's numbers, and whose they are: told by its name, by the
-        name's last word or by its first, or for any name by how many there are::
-
-            tcp_pos, 3 numbers    x y z, of tcp
-            rvec_robot, 3         rx ry rz, of robot
-            T_base_flange, 16     r11 r12 r13 x … 0 0 0 1, of t_base_flange
-            joints, 6             none: not known
-        """
-        cells = self.table[[column.at for column in numbered]]
-        has_words = cells.select_dtypes("number").shape != cells.shape
-        if has_words or not (name or self.is_bare):
-            return [], name
-        before, _, last = name.rpartition("_")
-        first, _, after = name.partition("_")
-        # by a word, whose numbers they are; of a name that is one word, nobody's
-        owners = {name: name, last: before, first: after}
-        if not name or len(numbered) > 2:  # two numbers of any name are no x and z
-            owners["bare"] = name
-        for word, owner in owners.items():
-            for roles in ROLES_OF_LIST[word, len(numbered)]:
-                if has_constants(cells, roles):
-                    return roles, owner
-        return [], name
-
-    @cached_property
-    def poses(self) -> dict[str, "Block"]:
+    def poses(self) -> dict[str, "Part"]:
         """The pose of each row, under what it is called: a position, and angles of the
         same owner, or else of one that has no position; one for each convention.
         """
@@ -179,7 +122,7 @@ class Block:
                 names = [self.robot, owner, turn.name if len(turns) > 1 else ""]
                 called = " ".join(filter(None, names))
                 chosen = {role: columns[role] for role in (*XYZ, *turn.columns)}
-                poses[called] = replace(self, called=called, chosen=chosen)
+                poses[called] = self.part(called, chosen)
         return poses
 
     @cached_property
@@ -193,10 +136,31 @@ class Block:
         return [c for role in roles for c in self.others if c.role == role]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Part(Block):
+    """A pose, or points, in a table."""
+
+    called: str  # as --entry says it
+    chosen: dict[str, Column]  # its columns, by role
+
+    @property
+    def convention(self) -> Convention:
+        """Of a pose's orientation."""
+        return find_convention(self.chosen)
+
+    def numbers_of(self, roles: Iterable[str], blank: bool = False) -> ndarray:
+        """As `numbers` of columns."""
+        return self.numbers([self.chosen[role] for role in roles], blank)
+
+    def units(self, roles: Iterable[str]) -> set[str]:
+        """The units that titles say."""
+        return {self.chosen[role].unit for role in roles} - {""}
+
+
 Files = dict[Path, list[Block]]  # files, and the blocks in each
 
 
-def parts_called(parts: list[Block], entry: str, liked: str, what: str) -> list[Block]:
+def parts_called(parts: list[Part], entry: str, liked: str, what: str) -> list[Part]:
     """The parts of one name: as the entry says, or else of the robot, and with a word
     that is liked, such as flange. Raises Question for several.
     """
@@ -214,6 +178,69 @@ def parts_called(parts: list[Block], entry: str, liked: str, what: str) -> list[
     names = [name for name in names if fit(name) == best]
     name = one_or_ask(parts[0].path, names, what, "entry")
     return [part for part in parts if part.called == name]
+
+
+def columns_titled(table: DataFrame, titles: list[str]) -> list[Column]:
+    """What columns are: those with a name each, by the name; a list's numbers by its
+    name and by how many there are::
+
+        tcp_x [m], Speed       x of tcp, in m; Speed is not known
+        tcp_pos_1 … tcp_pos_3  x, y, z of tcp
+        z_1 … z_200            z: a row is a profile
+        200 without titles     z, but for a first one that counts rows, nth,
+                               or of words, a label
+    """
+    columns = dict(zip(table, map(column_titled, table, titles), strict=True))
+    for name, numbered in lists_among(columns.values()).items():
+        is_long = len(numbered) > LARGEST_POSE
+        axis = column_titled(0, name).role if name else "z"
+        if is_long and axis in XYZ:
+            roles, owner = [axis] * len(numbered), name
+            if not name:
+                roles[0] = role_before_heights(table[numbered[0].at])
+        elif name or titles == counted(len(titles)):
+            cells = table[[column.at for column in numbered]]
+            roles, owner = roles_of_list(cells, name)
+        else:
+            continue
+        for column, role in zip(numbered, roles, strict=False):
+            columns[column.at] = column._replace(role=role, owner=owner)
+    return [*columns.values()]
+
+
+def lists_among(columns: Iterable[Column]) -> dict[str, list[Column]]:
+    """Columns that are numbered behind one name, by the name; "" for none."""
+    lists = defaultdict(list)
+    for column in columns:
+        if np.isfinite(title_number(column.title)):
+            lists[""].append(column)
+        elif match := NUMBERED.fullmatch(column.name):
+            lists[match[1]].append(column)
+    return lists
+
+
+def roles_of_list(cells: DataFrame, name: str) -> tuple[list[str], str]:
+    """The roles of a list's numbers, and whose they are: told by its name, by the
+    name's last word or by its first, or for any name by how many there are::
+
+        tcp_pos, 3 numbers    x y z, of tcp
+        rvec_robot, 3         rx ry rz, of robot
+        T_base_flange, 16     r11 r12 r13 x … 0 0 0 1, of t_base_flange
+        joints, 6             none: not known
+    """
+    count = cells.shape[1]
+    before, _, last = name.rpartition("_")
+    first, _, after = name.partition("_")
+    # by a word, whose numbers they are; of a name that is one word, nobody's
+    owners = {name: name, last: before, first: after}
+    if not name or count > 2:  # two numbers of any name are no x and z
+        owners["bare"] = name
+    if cells.select_dtypes("number").shape == cells.shape:
+        for word, owner in owners.items():
+            for roles in ROLES_OF_LIST[word, count]:
+                if has_constants(cells, roles):
+                    return roles, owner
+    return [], name
 
 
 def has_constants(cells: DataFrame, roles: list[str]) -> bool:
@@ -260,11 +287,10 @@ def column_titled(at: int, title: str) -> Column:
     if match := IN_BRACKETS.fullmatch(text) or BEHIND.fullmatch(text):
         text, unit = match.groups()
     words = re.sub(r"\W+", "_", text).strip("_").split("_")
-    name = "_".join(words)
+    column = Column(at, title, "_".join(words), unit=unit)
     for k in range(len(words)):
         if role := ROLE_OF_TITLE.get("_".join(words[k:])):
-            return Column(at, name, role, "_".join(words[:k]), unit)
-    role, _, owner = name.partition("_")
-    if role in OF_POSES and owner.isalpha():
-        return Column(at, name, role, owner, unit)
-    return Column(at, name, unit=unit)
+            return column._replace(role=role, owner="_".join(words[:k]))
+    role, _, owner = column.name.partition("_")
+    is_owned = role in OF_POSES and owner.isalpha()
+    return column._replace(role=role, owner=owner) if is_owned else column

@@ -15,7 +15,7 @@ from profilecal.scan.folder import NO_POSES, check_header, scan_of
 from profilecal.scan.motion import checked_log
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, listed, naming
-from profilecal_tool.importing.blocks import Block, Files, counted, label_of
+from profilecal_tool.importing.blocks import Block, Files, Part, counted, label_of
 from profilecal_tool.importing.pair_profiles import Times, pair_profiles
 from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_ask
 from profilecal_tool.importing.read_file import (
@@ -95,7 +95,7 @@ def measured(profiles: Series, taken: Taken) -> Entries:
 
 def read_folder(
     folder: Path, layout: Layout, taken: Taken
-) -> tuple[Block, Series, list[Block]]:
+) -> tuple[Part, Series, list[Block]]:
     """The robot's poses, the profiles, and all that files hold. Raises ScanError."""
     families = families_in(folder, layout)
     of_poses, of_profiles = map(families.get, which_hold_what(folder, families, layout))

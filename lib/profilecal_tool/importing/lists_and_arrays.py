@@ -16,7 +16,7 @@ from numpy import ndarray
 from pandas import DataFrame, Series, json_normalize
 
 from profilecal.scan.tables import ScanError, naming
-from profilecal_tool.importing.blocks import Block
+from profilecal_tool.importing.blocks import Block, columns_titled
 from profilecal_tool.importing.makers import WORDS
 
 NUMBERED_KEY = re.compile(r"(.*?)[_ -]?(\d+)")
@@ -146,7 +146,7 @@ def array_blocks(path: Path, arrays: Arrays) -> Iterator[Block]:
     for rows, columns in alike.items():
         cells = dict(enumerate(columns.values()))
         table = DataFrame(cells, range(1, rows + 1), copy=False)
-        yield Block(path, table, [*columns])
+        yield Block(path, table, columns_titled(table, [*columns]))
 
 
 def columns_of(name: str, array: ndarray) -> Arrays:

@@ -9,8 +9,8 @@ from numpy import ndarray
 from pandas import to_numeric
 
 from profilecal.scan.tables import ScanError, cell_number, listed
-from profilecal_tool.importing.blocks import Block
-from profilecal_tool.importing.makers import TIME_UNITS
+from profilecal_tool.importing.blocks import Part
+from profilecal_tool.importing.makers import TIME_UNITS, XYZ
 from profilecal_tool.importing.questions import Layout
 
 STAMP = re.compile(
@@ -39,7 +39,7 @@ class Pairing(NamedTuple):
 
 
 def pair_profiles(
-    poses: Block, names: list[str], moves: Iterable[str], layout: Layout
+    poses: Part, names: list[str], moves: Iterable[str], layout: Layout
 ) -> Pairing:
     """The pose of each profile, by its name, "" where it has none; `moves`: the poses'
     names as a program moves to them.
@@ -70,7 +70,7 @@ def pair_profiles(
 
 
 def paired_in_order(
-    poses: Block, driven: list[int], names: list[str], times: Times | None
+    poses: Part, driven: list[int], names: list[str], times: Times | None
 ) -> Pairing:
     """The poses as moves come to them, or as they are listed. Raises ScanError where
     there are not as many profiles, or where numbers of poses say another order.
@@ -87,7 +87,7 @@ def paired_in_order(
     for column in poses.having("label"):
         numbers = to_numeric(poses.table[column.at], errors="coerce").dropna()
         if not driven and not numbers.is_monotonic_increasing:
-            title = poses.title(column.at)
+            title = poses.title(column)
             sentence = f"{title} goes up and down, and profiles have no such number"
             raise ScanError(f"{poses.path}: {sentence}; sort the rows, or name files")
     return Pairing(rows, "in order of the moves" if driven else "in order")
@@ -103,7 +103,7 @@ class Match(NamedTuple):
     keys: list  # of the poses
 
 
-def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
+def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
     """The pairing by the labels, and the names or numbers in them, that serve most
     poses, and more than half of them and of the profiles.
 
@@ -188,7 +188,7 @@ def time_said(text: str, unit_s: float) -> float:
     return value
 
 
-def times_of(poses: Block, names: list[str], layout: Layout) -> Times | None:
+def times_of(poses: Part, names: list[str], layout: Layout) -> Times | None:
     """The times of poses and profiles, if all have some, in the unit of the poses; in s
     if a user says them.
     """
@@ -204,7 +204,7 @@ def times_of(poses: Block, names: list[str], layout: Layout) -> Times | None:
     return Times(log, profiles) if are_known else None
 
 
-def paired_by_time(poses: Block, times: Times) -> Pairing | None:
+def paired_by_time(poses: Part, times: Times) -> Pairing | None:
     """The poses nearest in time, of a log only those where the robot stands still; or
     the log, where profiles were taken as the robot moved.
     """
@@ -221,7 +221,7 @@ def paired_by_time(poses: Block, times: Times) -> Pairing | None:
     if is_near.mean() < 0.5:  # most are beside the log: by another clock
         return None
     still = np.full(len(nearest), True)
-    for roles in ("xyz", poses.convention.columns):
+    for roles in (XYZ, poses.convention.columns):
         values = poses.numbers_of(roles)[order]
         steps = np.abs(values[after] - values[after - 1]).max(axis=1)
         still &= steps < STILL * np.abs(values).max()

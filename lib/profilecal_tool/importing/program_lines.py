@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pandas import DataFrame
 
-from profilecal_tool.importing.blocks import Block
+from profilecal_tool.importing.blocks import Block, columns_titled
 from profilecal_tool.importing.makers import ROBOTS
 
 LARGEST_PROGRAM = 2_000_000  # characters; what is longer is a table
@@ -86,4 +86,5 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
             if len(table):
                 titles = [*table.columns]
                 table = table.set_axis(range(len(titles)), axis=1)
-                yield Block(path, table, titles, maker, kind)
+                columns = columns_titled(table, titles)
+                yield Block(path, table, columns, maker, kind)

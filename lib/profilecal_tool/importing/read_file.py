@@ -15,7 +15,12 @@ from pandas import read_csv, read_excel
 
 from profilecal.geometry.progress import watched
 from profilecal.scan.tables import NOTHING, ScanError, cell_number, naming, text_of
-from profilecal_tool.importing.blocks import Block, column_titled, counted
+from profilecal_tool.importing.blocks import (
+    Block,
+    column_titled,
+    columns_titled,
+    counted,
+)
 from profilecal_tool.importing.lists_and_arrays import binary_blocks, nested_blocks
 from profilecal_tool.importing.makers import ENCODINGS, FOREIGN, UNITS
 from profilecal_tool.importing.program_lines import OF_MOVES, program_blocks
@@ -172,11 +177,12 @@ def titles_in(rows: list[list[str]]) -> list[str]:
 
 def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     """The blocks of a text: runs of lines of as many fields, from where numbers begin.
-    What goes on without titles below a remark or blank lines has those above. Labels
-    are text: 1.10 is not 1.1. Raises ScanError for a row that lost a field.
+    What goes on without titles below a remark or blank lines has those above. Raises
+    ScanError for a row that lost a field.
     """
     mark, decimal = dialect(content[:BEGIN].decode(errors="ignore"))
     between = mark and mark.encode()
+    marks = {"sep": mark or r"\s+", "decimal": decimal}
     stream = BytesIO(content)
     above, end_above = [], 0  # titles above, and the end of the last table under them
     for begin, end, offset in runs_of_lines(path, content, between):
@@ -185,31 +191,33 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         first = row_where_numbers_begin(rows, decimal)
         if first is None:
             continue
-        count, titles = len(rows[0]), titles_in(rows[:first])
-        if not titles and count == len(above):
-            titles = above
-        # right under it, or without the first title
-        elif above and not titles and (begin == end_above or count == len(above) - 1):
-            found = f"{count} fields; expected {len(above)}, as above"
-            raise ScanError(f"{path} line {begin + 1}: {found}")
+        count = len(rows[0])
+        titles = titles_in(rows[:first]) or (above if count == len(above) else [])
         if titles:
             above, end_above = titles, end
-        stream.seek(offset)
+        # right under it, or without the first title
+        elif above and (begin == end_above or count == len(above) - 1):
+            found = f"{count} fields; expected {len(above)}, as above"
+            raise ScanError(f"{path} line {begin + 1}: {found}")
         titles = titles or counted(count)
-        columns = map(column_titled, range(count), titles)
-        labels = [column.at for column in columns if column.role == "label"]
+        stream.seek(offset)
         table = read_csv(
             stream,
-            sep=mark or r"\s+",
-            decimal=decimal,
             names=range(count),
-            dtype=dict.fromkeys(labels, str),
+            dtype=dict.fromkeys(labels_in(titles), str),
             skiprows=first,
             nrows=end - begin - first,
+            **marks,
             **AS_IT_IS,
         )
         table.index += begin + first + 1
-        yield Block(path, table, titles)
+        yield Block(path, table, columns_titled(table, titles))
+
+
+def labels_in(titles: list[str]) -> list[int]:
+    """Where columns of labels stand; these are text, for 1.10 is not 1.1."""
+    columns = map(column_titled, range(len(titles)), titles)
+    return [column.at for column in columns if column.role == "label"]
 
 
 def sheet_blocks(path: Path) -> Iterator[Block]:

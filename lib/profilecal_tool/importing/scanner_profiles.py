@@ -17,6 +17,7 @@ from profilecal_tool.importing.blocks import (
     Block,
     Column,
     Files,
+    Part,
     column_titled,
     label_of,
     parts_called,
@@ -54,15 +55,18 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
         return block
     heights = block.numbers(z, blank=True)
     places = np.broadcast_to(places_of(block, x, z, layout), heights.shape)
-    beside = block.table.drop(columns=[column.at for column in (*x, *z)])
-    # what has no titles is titled by its roles
-    known = [c.role for c in block.columns] if block.is_bare else block.titles
-    titles = [*(known[at] for at in beside), "nth", "profile x", "profile z"]
-    table = beside.loc[beside.index.repeat(len(z))].assign(
-        nth=np.arange(len(heights)).repeat(len(z)), x=places.ravel(), z=heights.ravel()
-    )
-    table.columns = range(len(titles))
-    return replace(block, table=table, titles=titles)
+    beside = [column for column in block.columns if column not in (*x, *z)]
+    rows = block.table[[column.at for column in beside]]
+    table = rows.loc[rows.index.repeat(len(z))]
+    further = {
+        "nth": np.arange(len(heights)).repeat(len(z)),
+        "profile x": places.ravel(),
+        "profile z": heights.ravel(),
+    }
+    for at, (title, cells) in enumerate(further.items(), len(block.columns)):
+        table[at] = cells
+        beside.append(column_titled(at, title))
+    return replace(block, table=table, columns=beside)
 
 
 def places_of(
@@ -73,7 +77,7 @@ def places_of(
     """
     if len(x) == len(z):
         return block.numbers(x, blank=True)
-    places = np.array([title_number(block.titles[column.at]) for column in z])
+    places = np.array([title_number(column.title) for column in z])
     if np.isfinite(places).all() and not block.is_bare:
         return places
     start_and_pitch = layout.x
@@ -88,7 +92,7 @@ def places_of(
     return start + pitch * np.arange(len(z))
 
 
-def points_in(block: Block, said: str) -> Block | None:
+def points_in(block: Block, said: str) -> Part | None:
     """The points of a block, by the columns that a user says, or else by titles.
 
     Raises Question.
@@ -97,7 +101,7 @@ def points_in(block: Block, said: str) -> Block | None:
     for x in block.having("x"):
         for z in block.having("z"):
             if x.owner == z.owner:
-                title = f"{block.title(x.at)},{block.title(z.at)}"
+                title = f"{block.title(x)},{block.title(z)}"
                 pairs[title] = [x, z]
     if said:
         pair = columns_called(block, said)
@@ -109,7 +113,7 @@ def points_in(block: Block, said: str) -> Block | None:
     if x.at == z.at:
         raise ScanError(f"--columns {said}: x and z are one column")
     called = x.owner or ",".join(block.titles[:4])
-    return replace(block, called=called, chosen={"x": x, "z": z})
+    return block.part(called, {"x": x, "z": z})
 
 
 def columns_called(block: Block, said: str) -> list[Column]:
@@ -125,7 +129,7 @@ def columns_called(block: Block, said: str) -> list[Column]:
     return [one._replace(unit=unit or one.unit) for one, unit in there]
 
 
-def points_of_file(blocks: list[Block], layout: Layout) -> list[Block]:
+def points_of_file(blocks: list[Block], layout: Layout) -> list[Part]:
     """The blocks of points in a file that are called alike; none where the largest
     block is none of points. Raises Question.
     """
@@ -168,7 +172,7 @@ def read_profiles(files: Files, stops: int, layout: Layout, taken: Taken) -> Ser
     if not parts:
         raise ScanError(f"{path}: no profiles in rows where {layout.where or 'any'}")
     first = parts[0]
-    taken["columns"] = ",".join(first.title(c.at) for c in first.chosen.values())
+    taken["columns"] = ",".join(first.title(c) for c in first.chosen.values())
     xz = np.concatenate([part.numbers_of("xz", blank=True) for part in parts])
     units = units_of_points(parts, layout)
     xz = in_mm(Path(commonpath(files)), xz, units, layout, taken)
@@ -176,7 +180,7 @@ def read_profiles(files: Files, stops: int, layout: Layout, taken: Taken) -> Ser
     return Series(values, names if is_alone else names_of(files))
 
 
-def units_of_points(parts: list[Block], layout: Layout) -> set[str]:
+def units_of_points(parts: list[Part], layout: Layout) -> set[str]:
     """The units that titles of x and z say. Raises ScanError; Question where one says
     none.
     """
@@ -189,7 +193,7 @@ def units_of_points(parts: list[Block], layout: Layout) -> set[str]:
     return units - {""}
 
 
-def profile_of_each_row(block: Block, expected: int) -> tuple[ndarray, list[str]]:
+def profile_of_each_row(block: Part, expected: int) -> tuple[ndarray, list[str]]:
     """The profile of each row, from 0, and what profiles are called, if they are. So
     many are expected, 0 where that is not known; if several, or not known, they are
     told by the first of these that the block has::
@@ -226,7 +230,7 @@ def profile_of_each_row(block: Block, expected: int) -> tuple[ndarray, list[str]
     return profile - profile[0], []
 
 
-def check_one_section(block: Block, profile: ndarray, layout: Layout) -> None:
+def check_one_section(block: Part, profile: ndarray, layout: Layout) -> None:
     """Raise Question where rows of a profile are of several scanners or sections, or
     lie along y.
     """
@@ -242,7 +246,7 @@ def check_one_section(block: Block, profile: ndarray, layout: Layout) -> None:
         values = sorted(cells.dropna().unique())
         sentence = f"{block.path}: {column.name} is {values[0]} to {values[-1]}"
         if role == "y" and block.table[x.at].nunique() < 2:
-            answer = f"{block.title(column.at)},{block.title(z.at)}"
+            answer = f"{block.title(column)},{block.title(z)}"
             raise Question(f"{sentence}, x always the same", columns=answer)
         # of sections, the one in the middle
         one = label_of(min(values, key=abs) if role == "y" else values[0])
@@ -250,15 +254,21 @@ def check_one_section(block: Block, profile: ndarray, layout: Layout) -> None:
         raise Question(f"{sentence} in one profile{hint}", where=f"{column.name}={one}")
 
 
-def question_on_points(blocks: list[Block], said: str) -> Question:
-    """Which columns are x and z; likely the last two of numbers that vary."""
+def question_on_points(blocks: list[Block], said: str) -> ScanError:
+    """Which columns are x and z; likely two, if no others have more than whole numbers,
+    as counts and intensities are.
+    """
     block = max(blocks, key=lambda block: len(block.table))
     unknown = [t for t in said.split(",") if t and not columns_called(block, t)]
-    numeric = block.table.select_dtypes("number")
-    varied = [str(at + 1) for at in numeric if numeric[at].nunique() > 1]
     sentence = f"no {listed(unknown) or 'x and z'} in columns {listed(block.titles)}"
     row = f"a row is {listed(block.table.iloc[len(block.table) // 2])}"
-    return Question(f"{block.path}: {sentence}; {row}", columns=",".join(varied[-2:]))
+    sentence = f"{block.path}: {sentence}; {row}; --columns says them"
+    numeric = block.table.select_dtypes("number")
+    likely = [str(at + 1) for at in numeric if (numeric[at] % 1).any()]
+    is_pair = len(likely) == 2
+    return (
+        Question(sentence, columns=",".join(likely)) if is_pair else ScanError(sentence)
+    )
 
 
 def in_mm(

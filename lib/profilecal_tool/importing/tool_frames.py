@@ -9,7 +9,7 @@ from pandas import DataFrame
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import named, pose_matrices
 from profilecal.scan.tables import listed, naming
-from profilecal_tool.importing.blocks import Block, label_of
+from profilecal_tool.importing.blocks import Block, Part, label_of
 from profilecal_tool.importing.makers import ROBOTS, WORDS
 from profilecal_tool.importing.questions import Layout, Question, Taken
 from profilecal_tool.importing.robot_poses import Entries, angle_of, length_of
@@ -28,8 +28,8 @@ def lines_of_program(blocks: Iterable[Block], maker: str) -> Program:
 
 
 def of_one_frame(
-    poses: Block, program: Program, which: str, layout: Layout
-) -> tuple[Block, str]:
+    poses: Part, program: Program, which: str, layout: Layout
+) -> tuple[Part, str]:
     """The poses that have one tool or base, as programs and columns say, and its name,
     "" if none is known.
 
@@ -58,7 +58,7 @@ def of_one_frame(
     return poses, "".join(names)
 
 
-def without(poses: Block, names: set[str]) -> Block:
+def without(poses: Part, names: set[str]) -> Part:
     """The poses but for those of some names, in small letters."""
     labels = poses.labels.get("name", [])
     kept = [row for row, label in enumerate(labels) if label.lower() not in names]
@@ -66,8 +66,8 @@ def without(poses: Block, names: set[str]) -> Block:
 
 
 def of_one_tool(
-    poses: Block, program: Program, layout: Layout, taken: Taken
-) -> tuple[Block, Sequence[float] | None]:
+    poses: Part, program: Program, layout: Layout, taken: Taken
+) -> tuple[Part, Sequence[float] | None]:
     """The poses of one tool, and its position and angles as they stand; None if it is
     the flange. Raises Question.
     """
@@ -93,7 +93,7 @@ def of_one_tool(
 
 
 def frame_of_tool(
-    poses: Block, program: Program, used: str, kind: str
+    poses: Part, program: Program, used: str, kind: str
 ) -> Sequence[float] | None:
     """The frame of the tool that poses have, as lines of a kind say it, in the
     convention of the poses; None where there are no tools. Raises Question.
@@ -128,7 +128,7 @@ def frame_of_tool(
 
 
 def entries_of_flange(
-    entries: Entries, poses: Block, tool: Sequence[float], layout: Layout
+    entries: Entries, poses: Part, tool: Sequence[float], layout: Layout
 ) -> Entries:
     """Entries of a Scan with the flange's poses in place of the tool's (3 + k,)."""
     turn, (angle, _) = poses.convention, angle_of(poses)

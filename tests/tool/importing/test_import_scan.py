@@ -154,7 +154,6 @@ def nothing(folder):
 
 
 of_angles = functools.partial(listed, convention="FANUC angles")
-of_quaternions = functools.partial(listed, convention="quaternion")
 GERMAN = "{};X in mm;Y in mm;Z [mm];A in Grad;B in Grad;C in Grad"
 SINCE_1970 = [f"17200312{k:02}141500000" for k in range(12)]  # ns
 BY_XP = [f"XP{k}" for k in range(12)]
@@ -177,22 +176,6 @@ FOLDERS |= {
     "one unit": (tum, each(titles="x,z [um]", scale=1e3), "do both have it"),
     "inches": (tum, each(scale=1 / 25.4), "mm wide, up to"),
     "whole numbers": (tum, each(scale=1e5), "(--missing)"),
-    "lists of four": (
-        people.in_json(
-            "p.json",
-            lambda k, row, points: {
-                "position": row[:3],
-                "orientation": [*row[4:], row[3]],
-            },
-        ),
-        "what are they",
-    ),
-    "called as in quaternions": (of_angles("X,Y,Z,Rot X,Rot Y,Rot Z"), "what are they"),
-    "two depths": (listed("Breite,Tiefe,Höhe,a,b,c"), "what are they"),
-    "doubled angles": (
-        chosen("x,y,z,a,b,c,a,b,c", *range(6), 3, 4, 5),
-        "which of those called alike",
-    ),
     "two conventions": (
         chosen("x,y,z,a,b,c,w,p,r", *range(6), 3, 4, 5),
         "KUKA angles or FANUC angles",
@@ -203,22 +186,17 @@ FOLDERS |= {
     "no titles": (of_angles("", scale=0.001, angle=np.pi / 180), "what are they"),
     "radians in files": (a_file_each, "rad or deg"),
     "a vector in degrees": (of_angles("x,y,z,rx [deg],ry [deg],rz [deg]"), "convert"),
-    "quaternions": (of_quaternions("x,y,z,q1,q2,q3,q4"), "what are they"),
-    "two positions": (
-        chosen("x,y,z,tx,ty,tz,a,b,c", 0, 1, 2, *range(6)),
-        "which of those called alike",
-    ),
-    "one unknown": (of_quaternions("x,y,z,Quaternion V,qx,qy,qz"), "V, qx, qy, qz"),
     "a tool that no line uses": (declared, "is declared, and no line"),
     "two poses": (people.beside(one=poses, two=people.poses_of_tool), "one or two"),
     "of a camera": (of_camera, "poses are of cam"),
     "angles first": (
         chosen("rx,ry,rz,x,y,z", 3, 4, 5, 0, 1, 2, convention="FANUC angles"),
-        "longer than pi; are they w, p, r?",
+        "rad, longer than pi; are they w, p, r?",
     ),
     "two arrays": (tum, two_arrays, "left_points_1,left_points_2 or right"),
     "two frames in turn": (transforms, "tools tool0, camera_link"),
     "no columns": (tum, each(titles="", columns=("7",)), "1, 2, 3; a row is 7.0, "),
+    "angles that have names": (of_angles("X,Y,Z,e1,e2,e3"), "what are they"),
     "frames": (
         tum,
         each(titles="frame,x,z", columns=("0", "1")),
@@ -368,7 +346,7 @@ def test_a_folder_is_read_at_once_or_by_the_line_that_is_printed(name, tmp_path)
     check_scan(tmp_path / "scan")
 
 
-# what else is said of folders, with options; … for anything
+# what else is said of folders, with options; … for anything, and no line behind \n
 
 FRAMES = """[*SYSTEM*]$MNUFRAME  Storage: CMOS
 [1,3] =
@@ -512,7 +490,26 @@ SAID = {
     ),
     "rows": (tum, "--where", "y=0", "no rows where y=0; the columns are … x, z"),
     "no rows": (tum, "--where", "x=999", "no profiles in rows where x=999"),
-    "too few": (tum, "--pose-columns", "x,y", "--pose-columns says x,y"),
+    "too few": (tum, "--pose-columns", "x,y", "no pose in x,y"),
+    "seven numbers": (of_angles("", range(12)), "what are they? (…qz)\n"),
+    "two depths": (listed("Breite,Tiefe,Höhe,a,b,c"), "what are they? (…qz)\n"),
+    "doubled angles": (
+        chosen("x,y,z,a,b,c,a,b,c", *range(6), 3, 4, 5),
+        "which of those called alike? (…qz)\n",
+    ),
+    "two positions": (
+        chosen("x,y,z,tx,ty,tz,a,b,c", 0, 1, 2, *range(6)),
+        "which of those called alike? (…qz)\n",
+    ),
+    "roll, pitch, yaw": (
+        listed("x,y,z,r,p,y"),
+        "x, y, z, r, p, y; what are they? (…qz)\n",
+    ),
+    "numbers without titles": (
+        tum,
+        each(titles="", columns=("0.5",)),
+        "a row is 0.5, 9.125, 89.5; --columns says them\n",
+    ),
     "one column": (tum, "--columns", "2,2", "x and z are one column"),
     "four columns": (tum, "--columns", "_,x,z,_", "expected two"),
     "column": (tum, "--columns", "x,Hoehe", "no Hoehe in columns x, z"),
@@ -627,6 +624,7 @@ def test_what_is_said(name, tmp_path):
     place = 0
     for part in words.split("…"):
         place = said.index(part, place) + len(part)
+    assert place == len(said) or not words.endswith("\n")
 
 
 def corrupted(folder, rng):
