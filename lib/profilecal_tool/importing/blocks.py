@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy import ndarray
-from pandas import DataFrame, Series
+from pandas import DataFrame
 
 from profilecal.scan.conventions import Convention, find_convention
 from profilecal.scan.tables import Table, cell_number
@@ -187,8 +187,7 @@ def columns_titled(table: DataFrame, titles: list[str]) -> list[Column]:
         tcp_x [m], Speed       x of tcp, in m; Speed is not known
         tcp_pos_1 … tcp_pos_3  x, y, z of tcp
         z_1 … z_200            z: a row is a profile
-        200 without titles     z, but for a first one that counts rows, nth,
-                               or of words, a label
+        200 without titles     z, but for a first one that counts rows, nth
     """
     columns = dict(zip(table, map(column_titled, table, titles), strict=True))
     for name, numbered in lists_among(columns.values()).items():
@@ -196,8 +195,8 @@ def columns_titled(table: DataFrame, titles: list[str]) -> list[Column]:
         axis = column_titled(0, name).role if name else "z"
         if is_long and axis in XYZ:
             roles, owner = [axis] * len(numbered), name
-            if not name:
-                roles[0] = role_before_heights(table[numbered[0].at])
+            if not name and is_count([*table[numbered[0].at]]):
+                roles[0] = "nth"
         elif name or titles == counted(len(titles)):
             cells = table[[column.at for column in numbered]]
             roles, owner = roles_of_list(cells, name)
@@ -250,15 +249,10 @@ def has_constants(cells: DataFrame, roles: list[str]) -> bool:
     return (found == [*expected.values()]).all(axis=None)
 
 
-def role_before_heights(cells: Series) -> str:
-    """The role of a first column: of words, a label; of numbers that count the rows,
-    nth; or else of heights.
-    """
-    if all(isinstance(cell, str) and cell[:1].isalpha() for cell in cells):
-        return "label"
+def is_count(cells: list) -> bool:
+    """Whether the cells of a column count its rows, from 0 or 1."""
     rows = len(cells)
-    is_count = rows > 1 and [*cells] in ([*range(rows)], [*range(1, rows + 1)])
-    return "nth" if is_count else "z"
+    return rows > 1 and cells in ([*range(rows)], [*range(1, rows + 1)])
 
 
 def is_of_other(name: str) -> bool:

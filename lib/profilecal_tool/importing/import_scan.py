@@ -18,11 +18,7 @@ from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.blocks import Block, Files, Part, counted, label_of
 from profilecal_tool.importing.pair_profiles import Times, pair_profiles
 from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_ask
-from profilecal_tool.importing.read_file import (
-    blocks_in_file,
-    is_readable,
-    programs_in_file,
-)
+from profilecal_tool.importing.read_file import blocks_in_file, is_readable
 from profilecal_tool.importing.robot_poses import (
     Entries,
     pose_entries,
@@ -131,10 +127,15 @@ def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
     families = {}
     for path, name in watched([*paths.items()], "reading"):
         is_beside = len(said) == 2 and name not in said
-        read = programs_in_file if is_beside else blocks_in_file
-        every = read(path, layout.encoding)
-        wanted = [with_rows_wanted(block, layout) for block in every]
-        blocks = [with_a_point_a_row(block, layout) for block in wanted]
+        blocks = []
+        try:
+            for block in blocks_in_file(path, layout.encoding):
+                if block.robot or not is_beside:
+                    wanted = with_rows_wanted(block, layout)
+                    blocks.append(with_a_point_a_row(wanted, layout))
+        except ScanError:
+            if not is_beside:
+                raise
         families.setdefault(name, {})[path] = blocks
     return families
 
@@ -197,11 +198,11 @@ def which_hold_what(
     # those of half as many files are something else, such as a reference
     most = [n for n in others if 2 * len(families[n]) > len(families[others[0]])]
     of_points = [n for n in most if points_of_file(first[n], layout)]
-    # what is neither has no titles, and may be either
+    # what is neither has no titles, and may be either; poses are in fewer files
     unclear = [n for n in others if n not in of_points]
-    of_poses = of_poses or unclear[-1:]  # of fewest files
+    of_poses = of_poses or unclear[::-1]
     pose = layout.poses or one_or_ask(folder, of_poses, "holds the poses", "poses")
-    of_points = of_points or [n for n in unclear if n != pose][:1]  # of most files
+    of_points = of_points or [n for n in unclear if n != pose]
     if not of_points and points_of_file(first[pose], layout):
         of_points = [pose]
     what = "holds the profiles"

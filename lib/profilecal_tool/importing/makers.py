@@ -67,7 +67,7 @@ def scale_of(
     if others or unit not in among:
         raise ScanError(
             f"{place}: units are {listed(sorted(units))}; "
-            f"expected: {listed(filter(str.isascii, among))}"
+            f"expected one of {listed(filter(str.isascii, among))}"
         )
     return among[unit], unit
 

@@ -99,7 +99,6 @@ class Match(NamedTuple):
     rank: tuple[bool, float]  # whether by names or several numbers; how many it serves
     rows: ndarray  # (P,) -1: none
     how: str
-    title: str
     keys: list  # of the poses
 
 
@@ -118,7 +117,7 @@ def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
             share = min((rows >= 0).mean(), served)
             if share > 0.5:
                 how = f"by {title} and the {what}"
-                matches.append(Match((is_whole, share), rows, how, title, keys))
+                matches.append(Match((is_whole, share), rows, how, keys))
     if not matches:
         return None
     best = max(matches, key=lambda match: match.rank)
@@ -133,9 +132,8 @@ def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
         first = best.keys.index(best.keys[row])
         if first < row:  # of poses that are called alike, a row is the last
             one, other = poses.table.index[[first, row]]
-            sentence = f"two poses have the {best.title} of profile {name}"
             place = f"{poses.path} lines {one} and {other}"
-            raise ScanError(f"{place}: {sentence}; leave one out")
+            raise ScanError(f"{place}: two poses of profile {name}; leave one out")
     return Pairing(best.rows, best.how)
 
 

@@ -4,7 +4,6 @@ fields that follow each other, and of sheets.
 
 import re
 from collections.abc import Collection, Iterable, Iterator
-from contextlib import suppress
 from dataclasses import replace
 from io import BytesIO
 from itertools import islice
@@ -55,13 +54,6 @@ def blocks_in_file(path: Path, encoding: str) -> Iterable[Block]:
         return programs
     with naming(path):
         return [*text_blocks(path, text.encode()), *programs]
-
-
-def programs_in_file(path: Path, encoding: str) -> list[Block]:
-    """The blocks of a program; none in any other file, or in one that is damaged."""
-    with suppress(ScanError):
-        return [block for block in blocks_in_file(path, encoding) if block.robot]
-    return []
 
 
 def decoded_text(path: Path, encoding: str) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy import ndarray
-from pandas import DataFrame, concat, to_numeric
+from pandas import DataFrame, concat
 
 from profilecal.scan.conventions import named
 from profilecal.scan.folder import check_poses
@@ -26,7 +26,6 @@ from profilecal_tool.importing.blocks import (
 from profilecal_tool.importing.makers import (
     ANGLE_UNITS,
     LENGTH_UNITS,
-    OF_POSES,
     ROBOTS,
     WORDS,
     XYZ,
@@ -114,24 +113,18 @@ def check_whose(poses: Part, entry: str) -> None:
 
 
 def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
-    """Why there are no poses in a file. If three of six columns of numbers are not
-    known, they are likely angles, and if none is known, behind x, y, z.
+    """Why there are no poses in a file. Six numbers without titles are likely x, y, z,
+    W, P, R.
     """
     if not blocks or any(block.having("joint") for block in blocks):
         hint = "joint angles are none: export Cartesian poses"
         return ScanError(f"{path}: no poses; {hint}")
-    placed = [b for b in blocks if {*XYZ} <= {column.role for column in b.columns}]
-    block = max(placed or blocks, key=lambda block: len(block.table))
-    numeric = block.table.apply(to_numeric, errors="coerce").dropna(axis=1, how="all")
-    posed = [c for c in block.columns if c.at in numeric and c.role in {"", *OF_POSES}]
-    places = [column for column in posed if column.role] or posed[:3]
-    angles = [column for column in posed if column not in places]
+    block = max(blocks, key=lambda block: len(block.columns))
+    places, angles = block.columns[:3], block.columns[3:]
     likely = {}
-    if len(angles) == 3 and {column.role for column in places} in ({*XYZ}, {""}):
-        unit = likely_angle(numeric[[column.at for column in angles]].to_numpy())
-        likely = likely_columns(angles, FANUC, unit)
-        if not places[0].role:
-            likely |= likely_columns(places, XYZ, "")
+    if block.is_bare and len(angles) == 3:
+        unit = likely_angle(block.numbers(angles))
+        likely = likely_columns(places, XYZ, "") | likely_columns(angles, FANUC, unit)
     sentence = f"no pose in {said}" if said else "what are they?"
     return question_on_columns(block, sentence, likely)
 

@@ -174,23 +174,10 @@ def read_profiles(files: Files, stops: int, layout: Layout, taken: Taken) -> Ser
     first = parts[0]
     taken["columns"] = ",".join(first.title(c) for c in first.chosen.values())
     xz = np.concatenate([part.numbers_of("xz", blank=True) for part in parts])
-    units = units_of_points(parts, layout)
+    units = {column.unit for part in parts for column in part.chosen.values()}
     xz = in_mm(Path(commonpath(files)), xz, units, layout, taken)
     values = np.split(xz, np.cumsum(counts)[:-1])
     return Series(values, names if is_alone else names_of(files))
-
-
-def units_of_points(parts: list[Part], layout: Layout) -> set[str]:
-    """The units that titles of x and z say. Raises ScanError; Question where one says
-    none.
-    """
-    units = {column.unit for part in parts for column in part.chosen.values()}
-    if "" in units and units - {"", "mm"} and not layout.unit:
-        path, unit = parts[0].path, max(units)
-        scale_of(path, {unit}, unit, LENGTH_UNITS)  # raises for a unit nobody knows
-        sentence = f"{path}: x or z has no unit, the other {unit}; do both have it?"
-        raise Question(sentence, unit=unit)
-    return units - {""}
 
 
 def profile_of_each_row(block: Part, expected: int) -> tuple[ndarray, list[str]]:
@@ -286,8 +273,10 @@ def in_mm(
     if layout.missing in (None, *codes):
         check_codes(path, xz[~unseen], layout)
     of_codes = {UNIT_OF_CODE.get(code, "") for code in codes} - {""}
-    said = {layout.unit} - {""} or units or of_codes
-    scale, taken["unit"] = scale_of(path, said, "mm", LENGTH_UNITS)
+    # x or z without a unit, beside the other in um, is none in um
+    said = {layout.unit} - {""} or (of_codes if units == {""} else units)
+    units = {unit or "mm" for unit in said}
+    scale, taken["unit"] = scale_of(path, units, "mm", LENGTH_UNITS)
     xz *= scale
     check_size(path, xz, scale, bool(said))
     taken["columns"] += f": {ranges('XZ', xz)}"

@@ -173,7 +173,6 @@ FOLDERS |= {
     "zeros": (tum, each(nothing="0,0"), "0: 12 of 240 points"),
     "a far point": (tum, one_each, far_point("1e6,1e6"), "1000000 at 1 of 229"),
     "nines": (tum, one_each, far_point("1,9999"), "9999 at 1 of 229"),
-    "one unit": (tum, each(titles="x,z [um]", scale=1e3), "do both have it"),
     "inches": (tum, each(scale=1 / 25.4), "mm wide, up to"),
     "whole numbers": (tum, each(scale=1e5), "(--missing)"),
     "two conventions": (
@@ -196,7 +195,6 @@ FOLDERS |= {
     "two arrays": (tum, two_arrays, "left_points_1,left_points_2 or right"),
     "two frames in turn": (transforms, "tools tool0, camera_link"),
     "no columns": (tum, each(titles="", columns=("7",)), "1, 2, 3; a row is 7.0, "),
-    "angles that have names": (of_angles("X,Y,Z,e1,e2,e3"), "what are they"),
     "frames": (
         tum,
         each(titles="frame,x,z", columns=("0", "1")),
@@ -376,14 +374,15 @@ TOOL_OF_ABB = (
 ON_TOOL_3 = edited("CALIB.LS", "UT : 0", "UT : 3", 12)
 
 
-def heights(label, between, head=""):
-    """In rows that begin with a label, below what is said of them."""
+def heights(between, head=""):
+    """In rows behind their numbers, below what is said of them."""
 
     def write(folder):
-        rows = [text(z, between) for z in np.array(scan().values)[..., 1]]
-        lines = [f"{label}{k}{between}{row}" for k, row in enumerate(rows)]
-        lines = [line.replace(".", ",") for line in lines] if label else lines
-        write_lines(folder / "z.csv", [head, *lines])
+        rows = np.array(scan().values)[..., 1]
+        lines = [f"{k}{between}{text(row, between)}" for k, row in enumerate(rows)]
+        content = "\n".join([head, *lines])
+        content = content if between == "," else content.replace(".", ",")
+        (folder / "z.csv").write_text(content)
 
     return write
 
@@ -468,20 +467,20 @@ SAID = {
     ),
     "heights": (
         tum,
-        heights("", ","),
+        heights(","),
         "--x",
         "0",
         "2",
         "X 0.0 to 38.0, Z 85.5 to 138.9 mm",
     ),
-    "heights behind names": (
-        listed(GERMAN.format("Messung"), BY_XP, order=BACKWARDS),
-        heights("XP", ";", "X start [mm];0\nX pitch [mm];2,0"),
-        "X 0.0 to 38.0, Z 85.5 to 138.9 mm… by Messung and the names",
+    "heights below settings": (
+        tum,
+        heights(";", "X start [mm];0\nX pitch [mm];2,0"),
+        "X 0.0 to 38.0, Z 85.5 to 138.9 mm",
     ),
     "a word in heights": (
         tum,
-        heights("", ","),
+        heights(","),
         edited("z.csv", "\n5,", "\noops,"),
         "--x",
         "0",
@@ -492,6 +491,7 @@ SAID = {
     "no rows": (tum, "--where", "x=999", "no profiles in rows where x=999"),
     "too few": (tum, "--pose-columns", "x,y", "no pose in x,y"),
     "seven numbers": (of_angles("", range(12)), "what are they? (…qz)\n"),
+    "angles of no convention": (listed("X,Y,Z,e1,e2,e3"), "what are they? (…qz)\n"),
     "two depths": (listed("Breite,Tiefe,Höhe,a,b,c"), "what are they? (…qz)\n"),
     "doubled angles": (
         chosen("x,y,z,a,b,c,a,b,c", *range(6), 3, 4, 5),
@@ -553,7 +553,7 @@ SAID = {
         csv,
         one_each,
         edited("robot.csv", "scan_004;", "scan_005;"),
-        "lines 4 and 6: two poses have the Name of profile scan_005",
+        "lines 4 and 6: two poses of profile scan_005",
     ),
     "joints": (
         a_file("tcp.csv", "j1,j2,j3,j4,j5,j6\n0,1,2,3,4,5"),
@@ -564,7 +564,7 @@ SAID = {
     "nothing has titles": (
         of_angles(""),
         each(titles="", columns=("1",)),
-        "what are they",
+        "which holds the poses: poses.csv or scan_*.csv",
     ),
     "two numbers": (
         listed("Zeile,Bahnpunkt,X,Y,Z,A,B,C", [f"{11 - k},{k}" for k in range(12)]),
@@ -599,10 +599,11 @@ SAID = {
     ),
     "fewer": (tum, one_each, removed("scan_003.csv"), "11 profiles for 12 poses"),
     "units": (csv, one_each, edited("robot.csv", "Y [mm]", "Y [m]"), "units are m, mm"),
+    "one unit": (tum, each(titles="x,z [um]", scale=1e3), "units are mm, um"),
     "a unit that is none": (
         tum,
-        each(titles="x,z [furlong]"),
-        "units are furlong; expected: mm, cm, m, um",
+        each(titles="x [furlong],z [furlong]"),
+        "units are furlong; expected one of mm, cm, m, um",
     ),
     "open list": (
         fanuc,
