@@ -9,7 +9,7 @@ from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 from scipy.special import softmax
-from scipy.stats import binom, chi2, norm, t
+from scipy.stats import binom, chi2, gmean, norm, t
 from simulated import scan_of, state_of
 
 import profilecal as pc
@@ -45,7 +45,7 @@ def edge_model(seed, names=(), **plan):
     return problem.model(state, names or [*problem.groups.distinguishable, SMOOTH])
 
 
-def averaged(model, prior=PRIOR):
+def averaged(model, prior):
     law = prior.law(model.names)
     return average(model, prior, likeliest(model, law))
 
@@ -116,21 +116,19 @@ def test_where_less_is_stated_than_is_usual_the_usual_is_as_likely():
     """So a statement that is far too small leaves the region nearly as large as none
     does.
     """
-
-    def stated(position_mm):
-        scales = replace(PRIOR.scales, position_mm=position_mm)
-        return Prior(scales, frozenset({"position_mm"}), "profiles")
-
-    assert stated(1e-4).usual == PRIOR
-    assert stated(0.2).usual is None
+    scales = (replace(PRIOR.scales, position_mm=mm) for mm in (1e-4, 0.2))
+    stated = frozenset({"position_mm"})
+    small, large = (Prior(some, stated, "profiles") for some in scales)
+    assert small.usual == PRIOR
+    assert large.usual is None
     assert PRIOR.usual is None
     model = edge_model(3, groups=4, positions=3)
-    by_none = np.diag(averaged(model).covariance)[:6]
-    by_small = np.diag(averaged(model, stated(1e-4)).covariance)[:6]
-    assert np.mean(np.log(np.sqrt(by_small / by_none))) > np.log(0.9)
-    law = stated(1e-4).law(model.names)
+    by_small, by_none = (averaged(model, prior).covariance for prior in (small, PRIOR))
+    narrower = np.diag(by_small)[:6] / np.diag(by_none)[:6]
+    assert gmean(narrower) > 0.9**2
+    law = small.law(model.names)
     unlikely = replace(likeliest(model, law), log_evidence=-1e4)
-    assert len([*of_robots(model, stated(1e-4), law, unlikely)]) == 2
+    assert len([*of_robots(model, small, law, unlikely)]) == 2
 
 
 @pytest.mark.parametrize(("stated", "freedom"), [((), 3), (("position_mm",), 1)])
