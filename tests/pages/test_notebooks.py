@@ -93,9 +93,9 @@ def outcomes(shell, path, alter) -> list[dict]:
             shell.run_cell("".join(cell["source"])).raise_error()
         cell["outputs"] = [{"data": output.data} for output in shown.outputs]
         if "parameters" in cell["metadata"].get("tags", []):
-            names = [name for name in shell.user_ns if name not in known]
-            values = {name: shell.user_ns[name] for name in names if name[0] != "_"}
-            shell.push({name: alter(name, value) for name, value in values.items()})
+            names = shell.user_ns.keys() - known
+            own = sorted(name for name in names if not name.startswith("_"))
+            shell.push({name: alter(name, shell.user_ns[name]) for name in own})
     return recorded({"cells": cells})
 
 
