@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 from simulated import error_of, state_of
 
 import profilecal as pc
+from profilecal.calibration.answer import DEGREES
 from profilecal.calibration.observe import observe_all
 from profilecal.geometry.noise import Noise, normalised_square
 from profilecal.joint import prior
@@ -109,9 +110,7 @@ def test_pose_and_delay_are_exact_without_noise(kind, pattern, mount):
         kind, pattern, noise=exact, mount=mount, delay_ms=-150.0, speed=150.0
     )
     found = pc.calibrate(replace(scan, noise={"accuracy_mm": 0.0}))
-    shift, turn = np.linalg.norm(error_of(found, truth.pose).reshape(2, 3), axis=1)
-    assert shift < 1e-3
-    assert np.degrees(turn) < 1e-3
+    assert_allclose(DEGREES * error_of(found, truth.pose), 0, atol=1e-3)
     assert abs(found.to_json()["delay_ms"] + 150) < 1e-3
 
 
