@@ -7,7 +7,7 @@ from simulated import state_of
 
 import profilecal as pc
 from profilecal.calibration.observe import as_observations, observe
-from profilecal.geometry.noise import Noise
+from profilecal.geometry.noise import Noise, normalised_square
 from profilecal.joint.problem import Problem
 from profilecal.targets import TARGETS
 
@@ -36,8 +36,7 @@ def normalised(features, truth):
     pairs = zip(features, truth, strict=True)
     error = np.concatenate([f.points - true for f, true in pairs if f.found])
     covariance = np.concatenate([f.covariance for f in features if f.found])
-    squares = np.einsum("na,nab,nb->n", error, np.linalg.inv(covariance), error)
-    return squares.mean() / 2, len(error)
+    return normalised_square(covariance, error).mean() / 2, len(error)
 
 
 def assert_features_are_as_exact_as_stated(kind, seeds=range(4)):

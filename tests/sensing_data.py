@@ -13,23 +13,18 @@ def sensor(rng):
     return Rotation.random(rng=rng).as_matrix(), rng.uniform(-400, 400, 3)
 
 
-def tilted(rng, count):
-    """Flange orientations: one of any kind, tilted by 30° about axes spread evenly
-    around a circle.
-    """
-    around = 2 * np.pi * np.arange(count) / count
-    axes = np.column_stack([np.cos(around), np.sin(around), 0 * around])
-    tilts = Rotation.from_rotvec(np.radians(30) * axes)
-    return (Rotation.random(rng=rng) * tilts).as_matrix()
-
-
 def ball_data(rng, translating=4, turning=4):
     """(R_sensor, T_sensor), (R_tcp, T_tcp, q) from which one point is seen, the first
-    `translating` poses in one orientation.
+    `translating` poses in one orientation, the others tilted by 30° from another, about
+    axes spread evenly around a circle.
     """
     R_sensor, T_sensor = sensor(rng)
-    still = Rotation.random(rng=rng).as_matrix()
-    R_tcp = np.concatenate([[still] * translating, tilted(rng, turning)])
+    still, other = Rotation.random(2, rng=rng)
+    around = 2 * np.pi * np.arange(turning) / turning
+    axes = np.column_stack([np.cos(around), np.sin(around), 0 * around])
+    tilts = Rotation.from_rotvec(np.radians(30) * axes)
+    turned = (other * tilts).as_matrix()
+    R_tcp = np.concatenate([[still.as_matrix()] * translating, turned])
     q = rng.uniform(-60, 60, (len(R_tcp), 3))
     corners = 40 * np.eye(4, 3)[np.arange(translating) % 4]
     q[:translating] = corners + rng.uniform(-5, 5, (translating, 3))

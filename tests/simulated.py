@@ -58,19 +58,11 @@ def with_values(scan, change, poses=None):
 
 def few(scan, poses):
     """Some poses of a scan, by number."""
-    chosen = np.array(poses)
-    return replace(
-        scan,
-        labels=tuple(scan.labels[k] for k in poses),
-        R_base_flange=scan.R_base_flange[chosen],
-        p_base_flange=scan.p_base_flange[chosen],
-        values=tuple(scan.values[k] for k in poses),
-        side=scan.side[chosen],
-        group=scan.group[chosen],
-        times=scan.times[chosen],
-        sweeps=tuple(scan.sweeps[k] for k in poses),
-        orientation=None,
-    )
+    arrays = "R_base_flange", "p_base_flange", "side", "group", "times"
+    kept = {name: getattr(scan, name)[[*poses]] for name in arrays}
+    for name in ("labels", "values", "sweeps"):
+        kept[name] = tuple(getattr(scan, name)[k] for k in poses)
+    return replace(scan, **kept, orientation=None)
 
 
 def wrong_by(T, mm, deg):

@@ -5,14 +5,24 @@
 from bench_volume import within
 
 SCANS = {  # by what they are
-    "100,000 edge points": ("edge", {"positions": 10_000}),
-    "100,000 ball arcs": ("ball", {"positions": 10_000}),
-    "60,000 edge points, 2 at each pose": ("edge", {"positions": 3000, "repeats": 2}),
-    "60,000 edge points, 200 at each pose": ("edge", {"positions": 30, "repeats": 200}),
-    "10,000 raw planes of 640 points": (
-        "plane",
-        {"positions": 1000, "measured": "profiles", "scanner": {"points": 640}},
-    ),
+    "100,000 edge points": {"kind": "edge", "positions": 10_000},
+    "100,000 ball arcs": {"kind": "ball", "positions": 10_000},
+    "60,000 edge points, 2 at each pose": {
+        "kind": "edge",
+        "positions": 3000,
+        "repeats": 2,
+    },
+    "60,000 edge points, 200 at each pose": {
+        "kind": "edge",
+        "positions": 30,
+        "repeats": 200,
+    },
+    "10,000 raw planes of 640 points": {
+        "kind": "plane",
+        "positions": 1000,
+        "measured": "profiles",
+        "scanner": {"points": 640},
+    },
 }
 LIMIT_S, LIMIT_MB = 60, 2000
 
@@ -20,6 +30,6 @@ LIMIT_S, LIMIT_MB = 60, 2000
 def rows() -> list[dict]:
     """A row for each scan."""
     return [
-        within(LIMIT_S, LIMIT_MB, f"large: {words}", kind, groups=10, **entries)
-        for words, (kind, entries) in SCANS.items()
+        within(LIMIT_S, LIMIT_MB, f"large: {words}", groups=10, **entries)
+        for words, entries in SCANS.items()
     ]

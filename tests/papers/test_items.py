@@ -19,8 +19,8 @@ def table(ours, half=0.02, **about):
     return compare("edge", "Table 2", "", found, range_from="Monte Carlo", **about)
 
 
-def shown(item, kind="html"):
-    return item._repr_mimebundle_()[f"text/{kind}"]
+def shown(item):
+    return item._repr_mimebundle_()["text/html"]
 
 
 @pytest.mark.parametrize(
