@@ -47,7 +47,6 @@ MOST_STEPS = 30  # to the likeliest coordinates
 LEAST_CURVATURE = 0.5  # of the log density; the prior's is 1
 LONGEST_STEP = 1.5  # of a coordinate
 STEP = 1e-4  # of coordinates, for the derivatives of variances
-FROM_DATA = 0.6  # coordinates that spread by less than this are known from the data
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,6 @@ class Size:
     low: float  # 95 % between these
     middle: float
     high: float
-    from_data: bool  # whether the data say it rather than the prior
 
 
 @dataclass(frozen=True)
@@ -297,29 +295,25 @@ def sizes_of(
     of its draws, because so few draws have no tails. Each of NORMAL stands for an equal
     part of that law, and each belief has its share.
     """
-    believed, log_share, spreads = [], [], []
+    believed, log_share = [], []
     for law, y, weighed in beliefs:
         # of each draw, over all beliefs about scanner and target, in `Weighed`'s order
         log_weight = np.logaddexp.reduce(weighed.log_weight.reshape(-1, len(y)))
         of_draw = softmax(log_weight)
         centre = of_draw @ y
-        spread = np.zeros(len(law.scales))
-        spread[law.free] = np.sqrt(of_draw @ (y - centre) ** 2)
-        spreads.append(spread)
-        quantiles = centre + spread[law.free] * NORMAL[:, None]
+        spread = np.sqrt(of_draw @ (y - centre) ** 2)
+        quantiles = centre + spread * NORMAL[:, None]
         believed.append(units * np.sqrt(law.variances(quantiles)))
         log_share += [np.logaddexp.reduce(log_weight)] * len(NORMAL)
     share = softmax(log_share)
 
     sizes = []
     columns = np.concatenate(believed).T
-    # the first belief says what is known from the data
-    for name, values, wide in zip(names, columns, spreads[0], strict=True):
+    for name, values in zip(names, columns, strict=True):
         order = np.argsort(values)
         rank = np.cumsum(share[order]) - share[order] / 2
         low, middle, high = np.interp([0.025, 0.5, 0.975], rank, values[order]).tolist()
-        from_data = name == "profile_mm" or bool(wide < FROM_DATA)
-        sizes.append(Size(name, low, middle, high, from_data))
+        sizes.append(Size(name, low, middle, high))
     return tuple(sizes)
 
 

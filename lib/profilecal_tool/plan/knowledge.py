@@ -93,11 +93,7 @@ def model_of_scan(found: Calibration) -> ScanModel:
     solution, (scan,), (seen,) = found.solution, found.scans, found.observed
     observed = seen.keep(solution.kept[0])
     R, T = observed.R_flange[0], observed.T_flange[0]
-    scales = solution.prior.scales
-    sizes = dict.fromkeys(ROBOT, 0.0)
-    for size in solution.error_sizes.sizes:
-        usual = getattr(scales, size.name)
-        sizes[size.name] = size.middle if size.from_data else usual
+    sizes = dict.fromkeys(ROBOT, 0.0) | solution.error_sizes.of_robot
     sizes["profile_mm"] = solution.noise_mm
     model = ScanModel(
         target=solution.placements[0],
@@ -105,7 +101,7 @@ def model_of_scan(found: Calibration) -> ScanModel:
         R_sensor=solution.rotation,
         T_sensor=solution.translation,
         scanner=scanner_of(scan, seen),
-        noise=scales.of_sizes(sizes),
+        noise=solution.prior.scales.of_sizes(sizes),
         systematic=solution.prior.systematic,
         to_hand=observed.eye_to_hand,
         measured=scan.measured,
