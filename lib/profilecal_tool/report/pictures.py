@@ -289,8 +289,10 @@ def plot_points(found: Calibration) -> plt.Figure:
     sd = np.linalg.norm(found.point_sd_mm(*np.meshgrid(x, z)), axis=-1)
     figure, (axes,) = panels(1, 1, 4.0, "A point is known to … mm")
     axes.clabel(axes.contour(x, z, sd, 4, colors=BLUE), fmt="%.4g")
+    axes.use_sticky_edges = False  # a margin, in which labels end
     axes.plot(*seen[:, :: 1 + seen.shape[1] // 2000], **DOTS, label="seen")
-    axes.set(xlabel="x [mm]", ylabel="z [mm]", ylim=(z[-1], z[0]))
+    axes.set(xlabel="x [mm]", ylabel="z [mm]")
+    axes.invert_yaxis()
     key(axes)
     return figure
 

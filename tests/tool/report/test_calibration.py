@@ -12,7 +12,7 @@ from simulated import scan_of, with_values
 from profilecal.calibration.calibrate import calibrate
 from profilecal_tool.report import calibration, pictures
 
-PLAN = {"seed": 3, "groups": 8, "positions": 6, "noise": {"profile_mm": 0.03}}
+PLAN = {"seed": 1, "groups": 8, "positions": 6, "noise": {"profile_mm": 0.03}}
 FINE = {"measured": "profiles", "scanner": {"points": 300}}
 plt.switch_backend("agg")  # which needs no screen
 
@@ -29,6 +29,9 @@ def report_on(*scans) -> str:
         figures += pictures.plot_profiles(scan, found.poses_rejected)
     for figure in figures:
         figure.canvas.draw()
+        for axes in figure.axes:
+            boxes = [text.get_window_extent() for text in axes.texts]
+            assert all(axes.bbox.count_contains(one.corners()) == 4 for one in boxes)
     plt.close("all")
     parts = (calibration.verdict, calibration.answer, calibration.rejected_poses)
     return "\n".join(part(found).plain for part in parts)
