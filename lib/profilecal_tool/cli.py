@@ -173,13 +173,15 @@ def calibrate(folders, json, to, guess, guess_sd, self_test, report, cloud):
 
 
 def further_notes(found, folder, count, guess):
-    """What so many simulated scans do and, where an answer is weak, which poses would
-    help; not beside a guess, of which `plan` would not know.
+    """What so many simulated scans do and, where the poses leave an answer weak, which
+    further ones would help; not beside a guess, of which `plan` would not know.
     """
-    if count and found.is_known:
+    if not found.is_known:
+        return
+    if count:
         with working("testing"):
             yield pc.self_test(found, count).sentence
-    if found.status == "weak" and not guess:
+    if found.solution.observability.status == "weak" and not guess:
         from profilecal_tool.plan.task import next_poses
 
         with working("planning further poses"):
@@ -206,7 +208,7 @@ def print_answer(found, folders, guesses, json, to):
             if numbers:
                 words += [f"--{name.replace('_', '-')}", *numbers]
         keep = f"profilecal calibrate {shlex.join(map(str, words))} --json > T.json"
-        echo(f"next: {keep}, then profilecal verify or check-mount SCAN --with T.json")
+        echo(f"next: {keep}\nthen: profilecal verify or check-mount SCAN --with T.json")
         return
     if to:
         pose = "this pose is not to be relied on" if to_paste else "no pose to paste"
@@ -323,10 +325,10 @@ def simulate(spec, folder, scan):
     entries, place = read_toml(spec), shlex.quote(str(folder))
     if "guess" in entries and "poses" not in entries:
         raise ValueError(f"{spec} has [guess] but no poses: profilecal plan adds them")
-    after = f"profilecal check {place}, profilecal calibrate {place}"
+    after = f"profilecal check {place} && profilecal calibrate {place}"
     if scan:
         entries["scan"] = scan
-        after = f"profilecal check-mount {place} --with T.json, or verify"
+        after = f"profilecal check-mount {place} --with T.json"
     pc.write_scan(simulate_scan(read_specification(entries, spec)), folder)
     echo(f"{folder}/ written; its truth is in truth.toml\nnext: {after}")
 
@@ -492,8 +494,10 @@ def sweep(notebook, grid, p, output, plot, hue, **options):
     if plot:
         echo(f"Figure: {plot_columns(table, *plot, hue, output)}")
     runs, count = output / "runs", table["run"].nunique()
-    done = count - len(failed)
-    echo(f"Runs: {done} done, {len(failed)} failed: {output / 'table.csv'}")
+    echo(
+        f"Runs: {count - len(failed)} done, {len(failed)} failed: "
+        f"{output / 'table.csv'}"
+    )
     if others := len([*runs.glob("*.ipynb")]) - count:
         echo(
             f"Not in it: {others} of other grids, kept in {runs}; "

@@ -47,7 +47,7 @@ class Task:
         """The poses that serve best; in motion, lines through poses. Raises
         ScanError.
         """
-        model, rng, motion, guess = self.model, self.rng, self.motion, self.model.guess
+        model, rng, motion = self.model, self.rng, self.motion
         if motion:
             counts = LINES
             if self.count_given:
@@ -58,10 +58,10 @@ class Task:
                     break
             return plan
         plan = design(model, rng)
-        if plan.falls_short and not self.count_given and guess:
+        if plan.falls_short and not self.count_given and model.guess:
             # do only the margins of the guess keep it from what is wanted?
-            exact = replace(guess, mount_mm=0, mount_deg=0, target_mm=0, target_deg=0)
-            if not design(replace(model, guess=exact), rng).falls_short:
+            exact = design(replace(model, guess=None), rng)
+            if not exact.falls_short:
                 plan = replace(design(model, rng, poses=FEW), is_first_step=True)
         return plan
 
@@ -101,7 +101,7 @@ class Task:
         texts = {"scan": header_of(source, title, self.stated)}
         if self.entries:
             noise = {**self.stated, **prior_from(self.stated).scales.of_robot}
-            changed = {"plan": {}, "poses": f"{table}.csv", "noise": noise}
+            changed = {"poses": f"{table}.csv", "noise": noise}
             texts["simulate"] = self.entries | changed
         for name, entries in texts.items():
             text = toml_text(entries)
