@@ -227,28 +227,24 @@ def design(model: ScanModel, rng: Generator, **asked: Any) -> Plan:
     chosen = fitted(pool, chosen, most, by_prediction)
     R, T = pool.R[chosen], pool.T[chosen]
     predicted = predict(model, R, T, rng)
-    way = there_and_back(short_way(R, T))
+    way = driving_order(R, T)
     enough = pool.enough_poses(chosen, predicted.lacks(wanted_sd))
     return Plan(model, R[way], T[way], predicted, wanted_sd, enough)
 
 
-def short_way(R: ndarray, T: ndarray) -> Chosen:
-    """Poses in an order, from the first one each time to the nearest."""
+def driving_order(R: ndarray, T: ndarray) -> Chosen:
+    """Poses in an order: of a way from the first one each time to the nearest, every
+    other place, and on the way back the others.
+
+    Errors that depend on the place, as an arm's do, then look like no drift: at each
+    place the mean time is the same.
+    """
     apart = np.linalg.norm(T[:, None] - T, axis=2)
     apart += 3 * np.degrees(angle_between(R[:, None], R))
     way = [0]
     while len(way) < len(T):
         apart[:, way[-1]] = np.inf
         way.append(int(apart[way[-1]].argmin()))
-    return way
-
-
-def there_and_back(way: Chosen) -> Chosen:
-    """Every other place of a way, and on the way back the others.
-
-    Errors that depend on the place, as an arm's do, then look like no drift: at each
-    place the mean time is the same.
-    """
     return way[::2] + way[1::2][::-1]
 
 
@@ -287,7 +283,7 @@ def along_lines(plan: Plan, motion: Motion, rng: Generator) -> Plan:
         raise ScanError(f"no straight sweep fits within the limits: {reasons}")
     R = plan.R[possible].repeat(4, axis=0)
     T = ends[possible][:, [0, 1, 1, 0]].reshape(-1, 3)
-    said, flange = drive(
+    record, flange = drive(
         model,
         # few rows of a log tell straight lines
         Motion(profiles=motion.profiles, delay_ms=0.0, log_hz=2.0),
@@ -301,16 +297,10 @@ def along_lines(plan: Plan, motion: Motion, rng: Generator) -> Plan:
         model,
         *model.in_base(*flange),
         rng,
-        log=said["log"],
-        times=said["times"][None],
-        group=np.array(said["sweeps"]),
+        log=record["log"],
+        times=record["times"][None],
+        group=np.array(record["sweeps"]),
     )
-    return Plan(
-        model,
-        R,
-        T,
-        predicted,
-        plan.wanted_sd,
-        speed=motion.speed,
-        left_out=left_out,
+    return replace(
+        plan, R=R, T=T, predicted=predicted, speed=motion.speed, left_out=left_out
     )

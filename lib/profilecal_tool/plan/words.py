@@ -4,7 +4,6 @@ import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
-from profilecal.geometry.observability import name_direction, size_direction
 from profilecal_tool.plan.design import FEW, Plan
 from profilecal_tool.plan.scan_model import DRAWS, Prediction
 from profilecal_tool.words import deviations
@@ -14,11 +13,7 @@ def plan_lines(plan: Plan, as_asked: object) -> list[str]:
     """A plan in lines, after what its prediction counts with; `as_asked`: it was to
     have these poses, or so many.
     """
-    model, predicted, count = plan.model, plan.predicted, len(plan.T)
-    noise, direction, sd = model.noise, predicted.directions[0], predicted.sd[0]
-    frame = "base" if model.to_hand else "flange"
-    weakest = name_direction(direction, model.R_sensor, frame)
-    size = size_direction(sd, direction) if sd < 10 else "open"
+    noise, predicted, count = plan.model.noise, plan.predicted, len(plan.T)
     counted = f"{predicted.poses} poses"
     if plan.speed:
         counted = f"{predicted.poses} profiles"
@@ -39,7 +34,6 @@ def plan_lines(plan: Plan, as_asked: object) -> list[str]:
         (mm, deg), (most_mm, most_deg) = predicted.between
         between = f"{mm:.2g} to {most_mm:.2g} mm and {deg:.2g} to {most_deg:.2g}°"
         lines.append(f"{'':15}{between} in {DRAWS} draws of how wrong the guess is")
-    lines.append(f"weakest        {weakest}, {size}")
     if plan.speed:
         lines += [
             f"delay          ± {1e3 * predicted.delay_sd_s:.2g} ms",
