@@ -1,5 +1,8 @@
 """The command line as a user calls it, and notebooks to give it."""
 
+import signal
+import subprocess
+import time
 from pathlib import Path
 
 import nbformat
@@ -22,3 +25,24 @@ def write_notebook(path: Path, parameters: str, *codes: str) -> Path:
     cells[0].metadata["tags"] = ["parameters"]
     nbformat.write(new_notebook(cells=cells, metadata={"kernelspec": KERNEL}), path)
     return path
+
+
+def stopped(command, place, how, when):
+    """What a command says that is stopped in `place` as soon as `when(process)`."""
+    with subprocess.Popen(
+        command,
+        cwd=place,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # which what runs in the background ignores
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as process:
+        end = time.monotonic() + 60
+        while not when(process) and time.monotonic() < end and process.poll() is None:
+            time.sleep(0.005)
+        assert process.poll() is None, process.communicate()
+        process.send_signal(how)
+        _, said = process.communicate(timeout=30)
+    assert process.returncode == (-how if how == signal.SIGKILL else 130)
+    return said

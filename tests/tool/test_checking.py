@@ -46,7 +46,6 @@ def test_check_says_what_tells_the_noise(measured, sentence):
         ({"pattern": "both ways"}, "these motions determine it"),
         ({"pattern": "one way", "stops": 3}, "these motions determine it"),
         ({"pattern": "one way"}, "leave it open, and the sensor's pose with it"),
-        ({"pattern": "one way in the base"}, "shifts the target, not the sensor"),
     ],
 )
 def test_check_says_whether_motions_tell_the_delay(motion, sentence):

@@ -6,7 +6,6 @@ Nothing is lost, repeated or reused wrongly, whatever happens.
 import functools
 import os
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -15,7 +14,7 @@ from threading import get_ident
 import numpy as np
 import pandas as pd
 import pytest
-from command import run, write_notebook
+from command import run, stopped, write_notebook
 
 from profilecal_pages import notebooks
 from profilecal_pages.notebooks import record, recorded
@@ -82,7 +81,6 @@ def test_seeds_depend_on_the_point_and_the_repeat_only(notebook):
 REFUSED = [
     ({}, None, "the grid is empty; plain has the parameters n, x, grain"),
     ({"n": []}, None, "the grid has no values for n"),
-    ({"m": [1]}, None, "no parameter named 'm'; there are n, x, grain"),
     ({"n": [1, 2.5]}, None, "parameter n is 2.5; expected int"),
     ({"x": [1, 1.0]}, None, "names a run twice"),
     ({"n": [1]}, 2, "plain has no parameter 'seed', so its repeats would all be the"),
@@ -240,20 +238,17 @@ def test_stopped_it_leaves_no_kernel_and_goes_on(tmp_path, cluster, how):
     program = Path(sys.executable).with_name("profilecal")
     command = [program, "sweep", notebook, "-p", "n=1,2", "--output", output]
     elsewhere = [*command, "--scheduler", cluster.scheduler_address]
-    killed = how == signal.SIGKILL
 
-    cores = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {min(cores)})  # so that it starts one worker
-    process = subprocess.Popen(
-        elsewhere if killed else command, stderr=subprocess.PIPE, text=True
-    )
-    os.sched_setaffinity(0, cores)
-    with process:
-        wait_for(lambda: kernel.exists() and kernel.read_text() and written_at(output))
-        process.send_signal(how)
-        _, said = process.communicate(timeout=30)
-    assert process.returncode == (-how if killed else 130)
-    if not killed:
+    def a_run_is_there_and_one_begun(_):
+        return kernel.exists() and kernel.read_text() and written_at(output)
+
+    if how == signal.SIGKILL:
+        stopped(elsewhere, tmp_path, how, a_run_is_there_and_one_begun)
+    else:
+        cores = os.sched_getaffinity(0)
+        os.sched_setaffinity(0, {min(cores)})  # so that it starts one worker
+        said = stopped(command, tmp_path, how, a_run_is_there_and_one_begun)
+        os.sched_setaffinity(0, cores)
         assert said.strip().endswith("Interrupted. The same command goes on from here.")
         assert "Traceback" not in said
         wait_for(lambda: not Path("/proc", kernel.read_text()).exists(), 10)
