@@ -30,8 +30,8 @@ def actual_poses(
     3) of N positions (..., G, N, 3), mm: (..., G, N, 3, 3) and (..., G, N, 3).
 
     Groups with the same number in `same` (G,) share a group's error. `to_hand`: the
-    poses are of the base in the flange's frame; the result is not. On a sweep
-    `sweeps.with_errors` makes up errors, at each visit `revisited`.
+    poses are of the base in the flange's frame; the result is not. The errors of each
+    visit are `revisited`'s.
     """
     shape = T.shape
     shape_of_groups = (*shape[:-2], 1, 3)

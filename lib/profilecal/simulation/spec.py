@@ -1,7 +1,7 @@
 """Synthetic scans: a specification in, a scan out, with the truth that made it."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,7 +25,7 @@ from profilecal.scan.toml import (
 )
 from profilecal.simulation.robot import Robot, Scanner, actual_poses, revisited
 from profilecal.simulation.scene import Scene, Setup, random_scene
-from profilecal.simulation.sweeps import Motion, Sweep, drive
+from profilecal.simulation.sweeps import Motion, Sweep, drive, resting, sweeps_of
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
 
@@ -89,9 +89,9 @@ class Spec:
             steering_mm=self.noise.steering_mm,
         )
 
-    def sweeps(self, scene: Scene) -> Sequence[Sweep]:
-        """Those that are planned; none: random ones."""
-        return ()
+    def sweeps(self, scene: Scene, motion: Motion, rng: Generator) -> list[Sweep]:
+        """The sweeps of its motion."""
+        return sweeps_of(scene, motion, self.spread_deg, rng)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +166,7 @@ def pose_name(mount: str) -> str:
 
 def read_spec(
     said: Mapping[str, Any],
-    path: str | Path = "specification",
+    path: str | Path,
     described: type[Spec] = Spec,
 ) -> Any:
     """A specification from the content of a TOML file `path`: Spec's fields, or those
@@ -213,25 +213,26 @@ def simulate_scan(spec: Spec) -> Scan:
     scene = spec.scene(rng)
     if spec.scan > 1:  # its errors are others than those of the first
         rng = np.random.default_rng(np.append(spec.seed, spec.scan))
-    if spec.motion is None:
+    motion = spec.motion
+    if motion is None:
         return record(scene, taken(scene, spec, rng), spec, rng)
     said, flange = drive(
         scene,
-        spec.motion,
+        motion,
         spec.noise,
         rng,
-        spread_deg=spec.spread_deg,
+        stops=resting(scene, motion, spec.spread_deg, rng),
+        sweeps=spec.sweeps(scene, motion, rng),
         to_hand=spec.to_hand,
-        planned=spec.sweeps(scene),
     )
     scan = scan_from(scene, flange, said, spec, rng)
-    scan.truth["delay_ms"] = spec.motion.delay_ms
+    scan.truth["delay_ms"] = motion.delay_ms
     return scan
 
 
 def check_effects(spec: Spec) -> None:
     """Refuse errors that a robot may have and a simulation of this scan leaves out."""
-    sizes = asdict(spec.noise) | asdict(spec.robot) | {"repeats": spec.repeats - 1}
+    sizes = vars(spec.noise) | vars(spec.robot) | {"repeats": spec.repeats - 1}
     idle = ["accuracy_mm", "accuracy_deg"]
     if spec.motion:
         idle += ["joint_deg", "link_mm", "repeats"]
@@ -301,7 +302,7 @@ def scan_from(
     side = target.sides(*planes)
     if "times" in said:
         side = np.where(np.isnan(said["times"]), side, 0)
-    noise = {name: value for name, value in asdict(spec.noise).items() if value}
+    noise = {name: value for name, value in vars(spec.noise).items() if value}
     placed = vars(target)
     truth = {
         "seed": np.asarray(spec.seed).tolist(),

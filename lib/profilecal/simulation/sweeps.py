@@ -11,10 +11,10 @@ from numpy import ndarray
 from numpy.random import Generator
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import Frames, inverse, rotations
+from profilecal.geometry.poses import Frames, inverse, rotations, unit
 from profilecal.scan.motion import DELAY_MS, checked_log
 from profilecal.scan.toml import Count, Entries, number, one_of
-from profilecal.simulation.robot import revisited
+from profilecal.simulation.robot import actual_poses, revisited
 from profilecal.simulation.scene import STANDOFF, Setup, in_unit_ball
 
 PATTERNS = ("weave", "both ways", "random", "one way", "one way in the base")
@@ -50,10 +50,9 @@ class Sweep:
     # the sensor's frames (n, 3, 3), (n, 3) mm at times (n,) s from the middle
     at: Callable[[ndarray], Frames]
 
-    @property
-    def backwards(self) -> "Sweep":
-        """The same way back."""
-        return Sweep(self.seconds, lambda t: self.at(-t))
+    def back(self, t: ndarray) -> Frames:
+        """The same on the way back."""
+        return self.at(-t)
 
     def behind(self, t: ndarray, lag_s: float) -> Frames:
         """The same of a controller that follows its log with a lag of the first order:
@@ -61,9 +60,8 @@ class Sweep:
         orientation at their mean time.
         """
         earlier, weights = np.polynomial.laguerre.laggauss(5)
-        late = [self.at(t - lag_s * one) for one in earlier]
-        R, _ = self.at(t - lag_s)
-        return R, np.tensordot(weights, [p for _, p in late], 1)
+        late = [self.at(t - lag_s * one)[1] for one in earlier]
+        return self.at(t - lag_s)[0], np.tensordot(weights, late, 1)
 
 
 def half_way(setup: Setup) -> ndarray:
@@ -71,7 +69,7 @@ def half_way(setup: Setup) -> ndarray:
     axes.
     """
     target = setup.target
-    return target.across_mm * np.array(target.across) / np.linalg.norm(target.across)
+    return target.across_mm * unit(np.array(target.across))
 
 
 def random_sweep(
@@ -88,8 +86,7 @@ def random_sweep(
         along = setup.facing @ across
     if motion.pattern == "random":
         speed = speed * rng.uniform(0.5, 2) * rng.choice([-1, 1])
-        along = along + 0.5 * in_unit_ball(rng, 1)[0]
-        along = along / np.linalg.norm(along)
+        along = unit(along + 0.5 * in_unit_ball(rng, 1)[0])
     aim = setup.target.frame[0] + facing @ (10 * rng.uniform(-1, 1, 3) * [1, 0, 1])
     middle = aim - STANDOFF * facing[:, 2]
     phase = rng.uniform(0, 2 * np.pi)
@@ -113,13 +110,12 @@ def sweeps_of(
     setup: Setup, motion: Motion, spread_deg: float, rng: Generator
 ) -> list[Sweep]:
     """The sweeps of a motion; both ways, two on each."""
-    if motion.pattern != "both ways":
-        every = range(motion.sweeps)
-        return [random_sweep(setup, motion, spread_deg, rng) for _ in every]
     sweeps: list[Sweep] = []
     while len(sweeps) < motion.sweeps:
         there = random_sweep(setup, motion, spread_deg, rng)
-        sweeps += [there, there.backwards]
+        sweeps.append(there)
+        if motion.pattern == "both ways":
+            sweeps.append(Sweep(there.seconds, there.back))
     return sweeps[: motion.sweeps]
 
 
@@ -148,14 +144,13 @@ def drive(
     noise: Noise,
     rng: Generator,
     *,
-    spread_deg: float,
+    sweeps: Sequence[Sweep],
+    stops: Sequence[Frames] = (),
     to_hand: bool = False,
-    planned: Sequence[Sweep] = (),
 ) -> tuple[Entries, Frames]:
-    """What a robot and a scanner record on the sweeps of a motion, or on those that are
-    planned, with the errors of the robot that a sweep or a stop has, and the jitter of
-    the scanner's times: entries of a Scan; and where the flange really was, (P, 3, 3),
-    (P, 3). All poses are of the flange in the base.
+    """What a robot and a scanner record at stops, sensor frames (1, 3, 3), (1, 3), and
+    on sweeps, each with its own error of a group: entries of a Scan; and where the
+    flange really was, (P, 3, 3), (P, 3). All poses are of the flange in the base.
     """
 
     def flange(R: ndarray, p: ndarray) -> Frames:
@@ -163,20 +158,21 @@ def drive(
         pose = setup.flange(R, p)
         return inverse(*pose) if to_hand else pose
 
-    stops = [flange(*place) for place in resting(setup, motion, spread_deg, rng)]
-    actual = [with_errors(*stop, noise, rng) for stop in stops]
-    log, times, begin = [], [], 1.0
-    for sweep in planned or sweeps_of(setup, motion, spread_deg, rng):
+    still = [flange(*place) for place in stops]
+    way, log, times, begin = [*still], [], [], 1.0
+    for sweep in sweeps:
         middle = begin + sweep.seconds / 2
         t, taken = moments(sweep, begin, motion, rng)
         log.append((t, *flange(*sweep.at(t - middle))))
-        way = flange(*sweep.behind(taken - middle, motion.lag_ms / 1000))
-        actual.append(with_errors(*way, noise, rng))
+        way.append(flange(*sweep.behind(taken - middle, motion.lag_ms / 1000)))
         jitter = noise.jitter_ms / 1000 * rng.normal(size=len(taken))
         times.append(taken - motion.delay_ms / 1000 + jitter)
         begin = begin + sweep.seconds + BESIDE_S + PAUSE_S
-    R, p = map(np.concatenate, zip(*actual, strict=True))
-    return said_of(stops, log, times, motion.drift_ppm), (R, p)
+    R, p = map(np.concatenate, zip(*way, strict=True))
+    number = np.repeat(np.arange(len(way)), [len(part) for part, _ in way])
+    R, p = actual_poses(R, p[:, None], noise, rng, number)
+    actual = revisited(R[:, 0], p[:, 0], noise, rng)
+    return said_of(still, log, times, motion.drift_ppm), actual
 
 
 def moments(
@@ -229,15 +225,3 @@ def resting(
         share = rng.uniform(0.1, 0.4, 1) * rng.choice([-1, 1])
         places.append(sweep.at(share * sweep.seconds))
     return places
-
-
-def with_errors(R: ndarray, p: ndarray, noise: Noise, rng: Generator) -> Frames:
-    """Poses with the errors that all share, and those of each: `robot.actual_poses` of
-    one group, whose orientations differ, and of one visit each.
-    """
-    shape = p.shape
-    shift = noise.group_position_mm * rng.normal(size=3)
-    shift = shift + noise.position_mm * rng.normal(size=shape)
-    turn = noise.group_orientation_deg * rng.normal(size=3)
-    turn = turn + noise.orientation_deg * rng.normal(size=shape)
-    return revisited(rotations(np.radians(turn)) @ R, p + shift, noise, rng)

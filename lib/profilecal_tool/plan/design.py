@@ -289,9 +289,8 @@ def along_lines(plan: Plan, motion: Motion, rng: Generator) -> Plan:
         Motion(profiles=motion.profiles, delay_ms=0.0, log_hz=2.0),
         Noise(),
         rng,
-        spread_deg=0.0,
+        sweeps=straight(model, R, T, motion.speed),
         to_hand=model.to_hand,
-        planned=straight(model, R, T, motion.speed),
     )
     predicted = predict(
         model,

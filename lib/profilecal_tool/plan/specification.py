@@ -20,7 +20,7 @@ from profilecal.scan.tables import ScanError
 from profilecal.scan.toml import Entries, number, numbers, whole
 from profilecal.simulation.scene import Scene, Setup, in_unit_ball
 from profilecal.simulation.spec import Spec, read_spec
-from profilecal.simulation.sweeps import Sweep, straight
+from profilecal.simulation.sweeps import Motion, Sweep, straight
 from profilecal.targets import TARGETS
 
 LEAST = 100  # candidates from which a plan can still choose
@@ -154,15 +154,15 @@ class PlannedSpec(Spec):
             T = T + way[:, None] * y
         return Scene.of(setup, (R, T[:, None]), said["labels"], said["group"])
 
-    def sweeps(self, scene: Scene) -> Sequence[Sweep]:
+    def sweeps(self, scene: Scene, motion: Motion, rng: Generator) -> list[Sweep]:
         """Those between the planned poses, two of each. Raises ScanError."""
-        if not (self.poses and self.motion):
-            return ()
+        if not self.poses:
+            return super().sweeps(scene, motion, rng)
         R, T = scene.poses[0], scene.poses[1][:, 0]
         if len(T) % 2 or (T[::2] == T[1::2]).all(axis=1).any():
             expected = "two rows for each sweep, where it begins and where it ends"
             raise ScanError(f"{self.poses}: expected {expected}")
-        return straight(scene, R, T, self.motion.speed)
+        return straight(scene, R, T, motion.speed)
 
 
 def read_specification(said: Mapping[str, Any], path: str | Path) -> PlannedSpec:

@@ -167,7 +167,7 @@ def test_in_the_field_an_answer_is_right_or_doubted(number):
     noise = USUAL | {"jitter_ms": 0.1}
     for seed in SEEDS:
         kind = ["edge", "ball", "plane"][(number + seed) % 3]
-        entries = FIELD[number] | {"sweeps": 24 if kind == "edge" else 12}
+        entries = FIELD[number] | {"sweeps": 12 if kind == "ball" else 24}
         scan, truth = driven(kind, seed=seed, noise=noise, **entries)
         found = pc.calibrate(scan)
         if "lag_ms" in entries:
