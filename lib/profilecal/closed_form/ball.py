@@ -25,6 +25,7 @@ from profilecal.geometry.checks import (
     check_readings,
     check_rotations,
 )
+from profilecal.geometry.poses import unit
 
 
 def solve_ball(R_tcp: ArrayLike, T_tcp: ArrayLike, q: ArrayLike) -> TwoStepSolution:
@@ -91,7 +92,7 @@ def solve_ball(R_tcp: ArrayLike, T_tcp: ArrayLike, q: ArrayLike) -> TwoStepSolut
     )
     lines = q[still[0]] - q[still[1:]]
     moved = (T_tcp[still[1:]] - T_tcp[still[0]]) @ R_tcp[still[0]]
-    lines, moved = map(of_length_one, (lines, moved))
+    lines, moved = unit(lines), unit(moved)
     of_what = ("ball centres", "sensor", lines), ("positions", "flange", moved)
     for what, frame, vectors in of_what:
         check_line(
@@ -107,12 +108,6 @@ def solve_ball(R_tcp: ArrayLike, T_tcp: ArrayLike, q: ArrayLike) -> TwoStepSolut
     translation = solve_translation(*given, rotation.R_sensor)
     check_fit(**vars(rotation), accuracy=translation.accuracy)
     return TwoStepSolution(rotation, translation)
-
-
-def of_length_one(vectors: ndarray) -> ndarray:
-    """Vectors (n, 3) of length one in the same directions; zero stays zero."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors / np.where(length, length, 1)
 
 
 def solve_tetra_ball(q_b: ArrayLike, q_i: ArrayLike) -> tuple[ndarray, ndarray]:
@@ -239,8 +234,8 @@ def solve_fixed_point(
     )
     largest = np.linalg.norm(offsets, 2)
     # in these units each unknown moves the points alike
-    unit = np.repeat([largest, largest, np.sqrt(n)], 3)
-    singular = np.linalg.svd(linear_equations(R_tcp, offsets) / unit, compute_uv=False)
+    units = np.repeat([largest, largest, np.sqrt(n)], 3)
+    singular = np.linalg.svd(linear_equations(R_tcp, offsets) / units, compute_uv=False)
     check_spread(
         np.degrees(singular[-1]),
         f"the {n} orientations and readings together leave a combination of rotation "

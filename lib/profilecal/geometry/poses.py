@@ -114,8 +114,9 @@ def homogeneous(rotation: ndarray, translation: ndarray) -> ndarray:
 
 
 def unit(vectors: ndarray) -> ndarray:
-    """Vectors (..., k) of length one in the same directions."""
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    """Vectors (..., k) of length one in the same directions; zero stays zero."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.where(length, length, 1)
 
 
 def directions(rng: np.random.Generator, shape: tuple[int, ...]) -> ndarray:
