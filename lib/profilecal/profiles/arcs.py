@@ -124,10 +124,15 @@ class RodSections:
         def derivatives(state: ndarray) -> ndarray:
             return section_at(state).derivatives(points)
 
-        start = near if near.lean.any() else leaning(near, points, self.radius)
+        centre, lean = near.centre, near.lean
+        if not lean.any():  # by 30° towards the middle of the points, where it touches
+            middle, tilt = points[len(points) // 2], np.radians(30)
+            outwards = near.off_and_normals(middle[None])[1][0]
+            centre = middle - self.radius / np.cos(tilt) * outwards
+            lean = np.tan(tilt) * outwards
         fitted = least_squares(
             off,
-            np.concatenate([start.centre, start.lean]),
+            np.concatenate([centre, lean]),
             derivatives,
             method="lm",
             x_scale="jac",
@@ -287,14 +292,3 @@ def circles_through(points: ndarray, largest: float) -> ndarray:
 def section_of(circle: ndarray) -> Section:
     """A circle (3,), x, z and radius, as a section."""
     return Section(circle[:2], np.zeros(2), circle[2])
-
-
-def leaning(circle: Section, points: ndarray, radius: float) -> Section:
-    """The section of a rod that leans by 30° towards the middle of points (k, 2) on a
-    circle, and touches it there.
-    """
-    middle = points[len(points) // 2]
-    outwards = circle.off_and_normals(middle[None])[1][0]
-    tilt = np.radians(30)
-    centre = middle - radius / np.cos(tilt) * outwards
-    return Section(centre, np.tan(tilt) * outwards, radius)
