@@ -37,16 +37,15 @@ def test_table_I_gives_equations_49_to_51():
 def test_published_heights_are_where_the_first_and_last_chord_meet_the_middles():
     """They lean against the mean chord when there is noise."""
     scans = fig15_scans((-0.9, 0.7))
-    tips = scans.tips(60) + default_rng(3).normal(0, 0.1, (4, 60, 2, 2))
-    ends = scans.T_start, scans.T_end, scans.s
-    found = sensing_data(tips, *ends, scans.disk.radius, "published")
-    x, z = found.direction.T
-    # the rotated one, in columns
-    frame = np.array([[x, -z], [z, x]]).transpose(2, 0, 1)
-    first, second = np.moveaxis(tips[:, [0, -1]] @ frame[:, None], 2, 0)
-    to_e, along = found.e[:, 3:] - first, second - first
+    tips = scans.tips(60)[0] + default_rng(3).normal(0, 0.1, (60, 2, 2))
+    way = scans.T_start[0], scans.T_end[0], scans.s[0]
+    found = sensing_data(tips, *way, scans.disk.radius, "published")
+    x, z = found.direction
+    # in the rotated frame, whose axes are in columns
+    first, second = (tips[[0, -1]] @ [[x, -z], [z, x]]).swapaxes(0, 1)
+    to_e, along = found.e[3:] - first, second - first
     assert_allclose(np.linalg.det(np.stack([to_e, along], axis=-1)), 0, atol=1e-9)
-    assert np.abs(along[..., 1]).min() > 1e-3
+    assert np.abs(along[:, 1]).min() > 1e-3
 
 
 OPEN = {

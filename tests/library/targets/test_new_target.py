@@ -12,7 +12,7 @@ from simulated import squared_error
 
 import profilecal as pc
 from profilecal.geometry.fitting import principal_axes
-from profilecal.geometry.poses import cross
+from profilecal.geometry.poses import cross, unit
 from profilecal.profiles.edges import crossing, crossing_covariance
 from profilecal.profiles.features import Feature, nothing
 from profilecal.profiles.runs import Run, straight_runs
@@ -66,20 +66,16 @@ class Groove(Target):
     @staticmethod
     def fit(points):
         """The lines' common direction first, then where they are across it."""
-        poses = points.reshape(*points.shape[:-2], -1, 3, 3)
-        lines = [poses[..., k, :] for k in range(3)]
-        left, bottom, right = (line.mean(axis=-2) for line in lines)
-        centred = [line - line.mean(axis=-2, keepdims=True) for line in lines]
-        z = principal_axes(np.concatenate(centred, axis=-2))[..., 0, :]
-        across = right - left
-        across = across - np.sum(across * z, axis=-1, keepdims=True) * z
-        width = np.linalg.norm(across, axis=-1)
-        x = across / width[..., None]
-        origin = (left + right) / 2
-        out = np.sum((origin - bottom) * np.cross(z, x), axis=-1)
+        lines = points.reshape(*points.shape[:-2], -1, 3, 3)  # a pose's three points
+        middles = lines.mean(axis=-3, keepdims=True)
+        z = principal_axes((lines - middles).reshape(points.shape))[..., 0, :]
+        left, bottom, right = np.moveaxis(middles[..., 0, :, :], -2, 0)
+        across = np.cross(np.cross(z, right - left), z)
+        x, origin = unit(across), (left + right) / 2
+        out = np.vecdot(origin - bottom, np.cross(z, x))
         z = z * np.sign(out)[..., None]
         axes = np.stack([x, np.cross(z, x), z], axis=-1)
-        return origin, axes, (width, np.abs(out))
+        return origin, axes, (np.linalg.norm(across, axis=-1), np.abs(out))
 
     def edges(self):
         """Its left shoulder, bottom and right shoulder."""
