@@ -56,7 +56,7 @@ def disk_method(
     """
     R, T, number = flange(seen)
     motions = motions_of(T, number)
-    check_motions(T, motions, [f"orientation {k + 1}" for k in range(len(motions))])
+    check_motions(T, motions)
     R = R[:, [rows.min() for rows in motions]]
     given = motions, seen.sizes[0], heights, R_sensor
     return solve_scans(R, scans_of(R, T, seen.points, *given))

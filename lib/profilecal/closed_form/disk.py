@@ -148,18 +148,18 @@ def solve_disk(
     guess = check_array("R_sensor_guess", R_sensor_guess, (3, 3))
     check_rotations("R_sensor_guess", guess[None], 1)
     motions = motions_of(T_tcp, find_groups("R_tcp", R_tcp, group))
-    names = [f"the orientation R_tcp[{rows.min()}]" for rows in motions]
-    check_motions(T_tcp, motions, names)
+    check_motions(T_tcp, motions)
     R_tcp = R_tcp[[rows.min() for rows in motions]]
     check_orientations(R_tcp)
 
     by_x = chords[..., :1].argsort(axis=1)
     tips = np.take_along_axis(chords, by_x, axis=1)
-    check_bend(T_tcp, tips, motions, names)
+    check_bend(T_tcp, tips, motions)
     scans = scans_of(R_tcp, T_tcp, tips, motions, radius, heights, guess)
     D_i = np.array([scan.D_i for scan in scans])
     for k in np.flatnonzero(np.isnan(D_i).any(axis=1)):
-        raise ValueError(f"the tips at {names[k]} are on no ellipse; expected a disk's")
+        name = name_of(motions[k])
+        raise ValueError(f"the tips at {name} are on no ellipse; expected a disk's")
     check_line(
         D_i,
         f"the {len(scans)} motions are parallel in the sensor frame",
@@ -200,13 +200,12 @@ def scans_of(
     y = (R_tcp @ R_sensor[..., None, :, :])[..., 1]
     scans = []
     for k, rows in enumerate(motions):
-        T = T_tcp[..., rows, :]
+        T, seen = T_tcp[..., rows, :], tips[..., rows, :, :]
         start, end = T[..., 0, :], T[..., -1, :]
         way = end - start
         s = np.sign(np.vecdot(way, y[..., k, :]))
         along = np.vecdot(T, way[..., None, :])
-        given = tips[..., rows, :, :], start, end, s, radius, heights, along
-        scans.append(sensing_data(*given))
+        scans.append(sensing_data(seen, start, end, s, radius, heights, along))
     return scans
 
 
@@ -217,12 +216,17 @@ def solve_scans(R_tcp: ndarray, scans: list[SensingData]) -> TwoStepSolution:
     return disk_equations(R_tcp, *(np.stack(field, axis=-2) for field in fields))
 
 
-def check_motions(T_tcp: ndarray, motions: list[ndarray], names: list[str]) -> None:
+def name_of(rows: ndarray) -> str:
+    """What a motion is called in messages."""
+    return f"the orientation R_tcp[{rows.min()}]"
+
+
+def check_motions(T_tcp: ndarray, motions: list[ndarray]) -> None:
     """Refuse motions, rows of positions (..., n, 3), of too few chords or not along a
     straight line.
     """
-    for name, rows in zip(names, motions, strict=True):
-        why = "an ellipse has five unknowns, a chord two tips"
+    for rows in motions:
+        name, why = name_of(rows), "an ellipse has five unknowns, a chord two tips"
         check_count(f"chords at {name}", len(rows), 3, why)
         offsets = T_tcp[..., rows, :] - T_tcp[..., rows[:1], :]
         way = offsets[..., -1:, :]
@@ -236,15 +240,13 @@ def check_motions(T_tcp: ndarray, motions: list[ndarray], names: list[str]) -> N
             )
 
 
-def check_bend(
-    T_tcp: ndarray, tips: ndarray, motions: list[ndarray], names: list[str]
-) -> None:
+def check_bend(T_tcp: ndarray, tips: ndarray, motions: list[ndarray]) -> None:
     """Refuse motions, rows of positions (n, 3) and tips (n, 2, 2), whose chords hardly
     change in length: their ellipse may be of any size.
 
     The square of a chord's length is a parabola over the way. Any three are on one.
     """
-    for name, rows in zip(names, motions, strict=True):
+    for rows in motions:
         if len(rows) == 3:
             continue
         along = np.linalg.norm(T_tcp[rows] - T_tcp[rows[0]], axis=-1)
@@ -252,8 +254,8 @@ def check_bend(
         curve, covariance = np.polyfit(along, squares, 2, cov=True)
         if not -curve[0] > BEND * np.sqrt(covariance[0, 0]):  # true for NaN
             raise UnobservableError(
-                f"the {len(rows)} chords at {name} hardly change in length, so their "
-                "ellipse cannot be known; move farther across the disk"
+                f"the {len(rows)} chords at {name_of(rows)} hardly change in length, "
+                "so their ellipse cannot be known; move farther across the disk"
             )
 
 

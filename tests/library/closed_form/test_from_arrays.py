@@ -161,12 +161,6 @@ def test_a_batch_takes_its_poses_in_any_order_and_finds_their_groups(kind, regre
 # Refusals
 
 
-def with_entry(values, index, entry):
-    changed = np.array(values, dtype=float)
-    changed[index] = entry
-    return changed
-
-
 DISK = random_scene("disk", default_rng(1))
 R, T, SEEN, GROUP = edge_rows()
 OF_EDGE = {"R_b": R, "T_b": T, "p_s": SEEN}
@@ -184,7 +178,7 @@ R, T, SEEN, GROUP = arrays(DISK, 0.05)
 OF_DISK = {"R_tcp": R, "T_tcp": T, "chords": SEEN, "radius": "50"}  # as in a file
 KNOWN = {"R_sensor_guess": DISK.R_sensor}
 TURN = rotations([np.pi / 2, 0, 0])
-BENT = with_entry(T, (1, 2), T[1, 2] + 9)
+BENT = T + np.outer(np.arange(len(T)) == 1, [0, 0, 9])
 DISK_REFUSED = [
     (KNOWN | {"radius": -1}, "radius is -1; expected a length in mm"),
     *((KNOWN | {"radius": r}, "is this the disk's radius") for r in (10, 45, 55, 500)),
