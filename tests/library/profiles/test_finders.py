@@ -63,8 +63,7 @@ def test_points_are_found_and_as_exact_as_stated(name):
     assert share_found(features) >= 0.99
     assert shapes_found(features) == {shape}
     ratio, count = normalised(features, truth)
-    assert ratio < 1 + 4 / np.sqrt(count)
-    assert ratio > 1 - 4 / np.sqrt(count)
+    assert abs(ratio - 1) < 4 / np.sqrt(count)
 
 
 # of less usual scanners: their entries, and the share of points that they miss
