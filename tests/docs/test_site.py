@@ -9,11 +9,11 @@ import re
 import shutil
 import subprocess
 import threading
-from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
 import pytest
+from bs4 import BeautifulSoup
 
 import profilecal
 
@@ -31,36 +31,24 @@ if not PAGES:
     pytest.skip("there is no site: make site", allow_module_level=True)
 
 
-class Page(HTMLParser):
-    """A page's places, links, and what it loads."""
-
-    def __init__(self, name):
-        super().__init__()
-        self.ids, self.links, self.loads = set(), [], []
-        self.feed((SITE / name).read_text(encoding="utf-8"))
-
-    def handle_starttag(self, tag, attributes):
-        found = dict(attributes)
-        self.ids.add(found.get("id"))
-        if tag == "a" and found.get("href"):
-            self.links.append(found["href"])
-        if tag in ("script", "img", "iframe", "source") and found.get("src"):
-            self.loads.append(found["src"])
-        if tag == "link" and found.get("rel") in ("stylesheet", "icon", "preload"):
-            self.loads.append(found["href"])
-
-
 @functools.cache
 def page(name):
-    return Page(name)
+    """A page's places, links, and what it loads."""
+    parsed = BeautifulSoup((SITE / name).read_text(encoding="utf-8"), "html.parser")
+    ids = {tag["id"] for tag in parsed.find_all(id=True)}
+    links = [tag["href"] for tag in parsed.find_all("a", href=True)]
+    loading = parsed.find_all(["script", "img", "iframe", "source"], src=True)
+    linked = parsed.find_all("link", rel=["stylesheet", "icon", "preload"])
+    return ids, links, [tag.get("src") or tag["href"] for tag in loading + linked]
 
 
 @pytest.mark.parametrize("name", PAGES)
 def test_every_link_leads_somewhere_and_nothing_comes_from_elsewhere(name):
     here = SITE / name
-    for address in page(name).loads:
+    _, links, loads = page(name)
+    for address in loads:
         assert not urlparse(address).netloc, f"{name} loads {address}"
-    for address in page(name).links + page(name).loads:
+    for address in links + loads:
         parts = urlparse(address)
         if parts.scheme:
             continue
@@ -68,14 +56,15 @@ def test_every_link_leads_somewhere_and_nothing_comes_from_elsewhere(name):
         target = (here.parent / place).resolve()
         assert target.exists(), f"{name} links to {address}"
         if parts.fragment and target.suffix == ".html":
-            ids = page(target.relative_to(SITE).as_posix()).ids
+            ids, *_ = page(target.relative_to(SITE).as_posix())
             assert unquote(parts.fragment) in ids, f"{name}: {address}"
 
 
 @pytest.mark.parametrize("name", profilecal.__all__)
 def test_a_public_name_has_its_place_in_the_reference(name):
-    assert f"profilecal.{name}" in page(f"reference/{name}.html").ids
-    links = page("reference/profilecal.html").links
+    ids, *_ = page(f"reference/{name}.html")
+    assert f"profilecal.{name}" in ids
+    _, links, _ = page("reference/profilecal.html")
     assert f"{name}.html" in {link.split("#")[0] for link in links}
 
 
