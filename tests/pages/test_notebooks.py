@@ -31,7 +31,7 @@ RUNS = int(os.environ.get("PROFILECAL_ALTERED", "1"))
 SIZE, LEAST = 20, 8
 
 
-def altered(rng, name, value):
+def altered(rng, _, value):
     """Another value of a parameter that is a number or a list of them."""
     if isinstance(value, bool | str) or (RUNS > 1 and rng.uniform() < 0.5):
         return value
@@ -40,8 +40,6 @@ def altered(rng, name, value):
         return [factor * entry for entry in value]
     if isinstance(value, float):
         return factor * value
-    if name == "seed":
-        return int(rng.integers(1000))
     if value < SIZE:
         return math.ceil(value * (0.5 if RUNS == 1 else factor))
     most = max(LEAST, value // 2) if RUNS > 1 else LEAST

@@ -27,8 +27,7 @@ def test_the_quick_rotation_is_that_of_the_svd_for_small_turns_and_large_ones():
     angle = np.append(rng.uniform(0, 1.5, 250), rng.uniform(1.6, np.pi, 250))
     turn = rotations(angle[:, None] * directions(rng, (500,)))
     B = (X @ turn.mT + 0.01 * rng.normal(size=X.shape)).mT @ X
-    B[7, 0, 0] = np.nan
+    right = nearest_rotation(B)
+    B[7, 0, 0] = right[7] = np.nan
     found = np.moveaxis(monte_carlo.rotations_near(np.moveaxis(B, 0, -1)), -1, 0)
-    assert np.isnan(found[7]).all()
-    found, B = np.delete(found, 7, axis=0), np.delete(B, 7, axis=0)
-    assert_allclose(found, nearest_rotation(B), atol=1e-11)
+    assert_allclose(found, right, atol=1e-11)

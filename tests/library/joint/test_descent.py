@@ -76,11 +76,8 @@ def test_the_typical_residual_is_as_large_as_the_noise_whatever_it_was_taken_for
 @pytest.mark.parametrize("kind", KINDS)
 def test_noise_free_from_no_guess_at_all(kind):
     scene = many(kind, 30, 7)
-    best = []
     for i in range(30):
-        one = scene.observations.take([i])
-        problem = Problem([one], Noise(SIGMA))
+        problem = Problem([scene.observations.take([i])], Noise(SIGMA))
         fits = refine(problem, search(problem))
-        best.append(fits.state[[np.argmin(fits.loss)]])
-    error = errors(best[0].join(*best[1:]), scene.truth)
-    assert_allclose(DEGREES * error, 0, atol=1e-9)
+        best = fits.state[[np.argmin(fits.loss)]]
+        assert_allclose(DEGREES * errors(best, scene.truth[[i]]), 0, atol=1e-9)

@@ -9,11 +9,12 @@ from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from scipy.linalg import lstsq
 from scipy.spatial.transform import Rotation
-from simulated import calibration_of
 
+from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import carry, inverse, pose_error, rotations
 from profilecal.joint.residuals import Residuals
 from profilecal.joint.smooth import REACH_MM, VIEW_MM, shifting, smooth_errors
+from profilecal.simulation.scene import random_scene
 
 SEEN = np.array([5.0, 0.0, 120.0])
 
@@ -78,12 +79,12 @@ def test_what_a_mount_and_a_base_take_up_is_left_out():
 @pytest.mark.parametrize("kind", IN_PROFILES)
 def test_the_middle_of_what_a_pose_sees_is_where_the_target_is(kind):
     """In a ball's centre and on a rod's axis, which lie deeper than their points."""
-    solution = calibration_of(kind, seed=1, measured="profiles").solution
-    (seen,), (placement,) = solution.problem.observations, solution.state.placements
-    of_pose = Residuals(seen.keep([3]), solution.noise)
-    middle = of_pose.middle(solution.state, placement)
-    on_flange = carry(solution.rotation, solution.translation, middle)
-    in_base = carry(seen.R_flange[0, 3], seen.T_flange[0, 3], on_flange)
+    scene = random_scene(kind, default_rng(1))
+    seen, (placement,) = scene.observations.keep([3]), scene.truth.placements
+    of_pose = Residuals(seen, Noise(1.0))
+    middle = of_pose.middle(scene.truth, placement)
+    on_flange = carry(scene.R_sensor, scene.T_sensor, middle)
+    in_base = carry(seen.R_flange[0, 0], seen.T_flange[0, 0], on_flange)
     origin, axes = placement
     off = axes[0].T @ (in_base - origin[0])
     assert_allclose(off[of_pose.shifts], 0, atol=1e-9)
