@@ -240,17 +240,17 @@ def plot_patterns(found: Calibration) -> plt.Figure:
 
 def draw_patterns(places: Sequence[Axes], found: Calibration) -> None:
     """Draw how far points are off in z over each of PATTERNS: the means of eight parts,
-    and the band in which chance puts 95 % of them, by the scatter of the profiles
-    within the parts.
+    and the band in which chance puts 95 % of them, by the scatter of the orientations
+    within the parts: the profiles of one, or of a sweep, share errors of the robot.
     """
     off = offsets(found)
     some = off[:: 1 + len(off) // 1500]
     for axes, name in zip(places, PATTERNS, strict=True):
         part = pd.cut(off[name], 8)
-        profiles = off.groupby([part, "order"], observed=True)[[name, "off"]].mean()
-        parts = profiles.groupby(level=0, observed=True)
+        groups = off.groupby([part, "orientation"], observed=True)[[name, "off"]].mean()
+        parts = groups.groupby(level=0, observed=True)
         means = parts.mean()
-        scatter = profiles["off"] - parts["off"].transform("mean")
+        scatter = groups["off"] - parts["off"].transform("mean")
         chance = 1.96 * scatter.std(ddof=len(means)) / np.sqrt(parts.size())
         axes.fill_between(means[name], -chance, chance, color=SKY, alpha=0.4, lw=0)
         axes.plot(some[name], some["off"], **DOTS)

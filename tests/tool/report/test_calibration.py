@@ -94,11 +94,15 @@ def test_every_profile_is_drawn(kind):
 
 
 def test_means_leave_the_band_of_chance_over_what_a_fault_depends_on():
-    """A drift, in order; of means without a fault one in twenty does."""
+    """A drift, in order; of means without a fault one in twenty does, although the
+    profiles of a sweep share an error of the robot.
+    """
     scan = scan_of("plane", seed=3, groups=10, **FINE)
     drift = np.linspace(0, [0, 0, 1], len(scan.p_base_flange))
+    drifted = replace(scan, p_base_flange=scan.p_base_flange + drift)
+    swept = scan_of("edge", motion={}, noise={"group_position_mm": 0.05})
     outside = []
-    for one in (scan, replace(scan, p_base_flange=scan.p_base_flange + drift)):
+    for one in (scan, swept, drifted):
         _, places = pictures.panels(1, 4, 1.4)
         pictures.draw_patterns(places, calibrate([one]))
         outside.append([])
@@ -108,5 +112,5 @@ def test_means_leave_the_band_of_chance_over_what_a_fault_depends_on():
             half = [np.abs(ends[ends[:, 0] == at, 1]).max() for at in x]
             outside[-1].append(int(np.sum(np.abs(mean) > half)))
     plt.close("all")
-    assert sum(outside[0]) <= binom.ppf(0.995, 32, 0.05)
-    assert outside[1][2] >= 4
+    assert max(map(sum, outside[:2])) <= binom.ppf(0.995, 32, 0.05)
+    assert outside[2][2] >= 4
