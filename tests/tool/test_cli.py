@@ -8,7 +8,6 @@ import pytest
 from command import run
 
 from profilecal_tool.cli import main
-from profilecal_tool.controllers import CONTROLLERS
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 WITHOUT_PACKAGES = """
@@ -43,13 +42,6 @@ def test_the_help_fits_a_screen(command, option, monkeypatch):
     shown = run(*command, option)
     assert shown.exit_code == 0
     assert len(shown.output.splitlines()) <= 24
-
-
-def test_a_controller_that_is_not_known_is_refused_with_those_that_are():
-    refused = run("calibrate", "scan", "--to", "acme")
-    names = ", ".join(map(repr, CONTROLLERS))
-    assert refused.exit_code == 2
-    assert refused.stderr.endswith(f"'--to': 'acme' is not one of {names}.\n")
 
 
 @pytest.mark.parametrize("given", [{}, {"OPENBLAS_NUM_THREADS": "3"}])

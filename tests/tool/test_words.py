@@ -14,21 +14,13 @@ from profilecal_tool.words import (
     robot_errors,
 )
 
-FIRST = ["status", "translation", "rotation", ""]
-FIRST += ["uncertainty", "elsewhere", "poses", "points"]
-
 
 @pytest.mark.parametrize("is_stated", [True, False])
-def test_the_answer_says_which_uncertainty_and_chi2_only_where_the_noise_is_stated(
-    is_stated,
-):
+def test_the_answer_has_chi2_only_where_the_noise_is_stated(is_stated):
     scan, _ = pc.simulate(measured="points")
     if not is_stated:
         scan = replace(scan, noise={})
-    lines = dict(calibration_lines(pc.calibrate(scan), "PASTE"))
-    assert [*lines][: len(FIRST)] == FIRST
-    assert lines[""] == "PASTE"
-    assert str(lines).count("standard deviation") == 1
+    lines = dict(calibration_lines(pc.calibrate(scan)))
     assert ("χ²/dof" in lines["residuals"]) == is_stated
 
 
