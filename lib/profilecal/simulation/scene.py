@@ -92,7 +92,7 @@ class Scene(Setup):
         `trials` copies.
         """
         exact = self.observations.points
-        shape = exact.shape if trials is None else (trials, *exact.shape[1:])
+        shape = (trials or len(exact), *exact.shape[1:])
         points = exact + sigma_mm * rng.normal(size=shape)
         return replace(self.observations, points=points)
 
