@@ -72,24 +72,23 @@ def all_pairs(R_b, T_b, p_s, group):
     """
     unit = np.eye(9).reshape(9, 3, 3)
     p_s = np.insert(p_s, 1, 0, axis=1)
+    first = np.array([np.flatnonzero(group == k)[0] for k in group])
+    u_s, u_t = p_s - p_s[first], T_b - T_b[first]  # zero for the first of a group
+    pairs = [*combinations(range(len(group)), 2)]
     A, b = [], []
-    members = [np.flatnonzero(group == k) for k in range(group.max() + 1)]
-    for rows in members:
-        R, first, others = R_b[rows[0]], rows[0], rows[1:]
-        for i, j in combinations(others, 2):  # Eq. 8, with R_s (a × b) = R_s a × R_s b
-            u_s, v_s = p_s[i] - p_s[first], p_s[j] - p_s[first]
-            u_t, v_t = T_b[i] - T_b[first], T_b[j] - T_b[first]
-            block = np.cross(R @ unit @ u_s, v_t) + np.cross(u_t, R @ unit @ v_s)
-            A.append((block + R @ unit @ np.cross(u_s, v_s)).T)
-            b.append(-np.cross(u_t, v_t))
+    for i, j in pairs:  # Eq. 8, with R_s (a × b) = R_s a × R_s b
+        if group[i] == group[j]:
+            R = R_b[i] @ unit
+            block = np.cross(R @ u_s[i], u_t[j]) + np.cross(u_t[i], R @ u_s[j])
+            A.append((block + R @ np.cross(u_s[i], u_s[j])).T)
+            b.append(-np.cross(u_t[i], u_t[j]))
     r = np.linalg.lstsq(np.concatenate(A), np.concatenate(b))[0]
     R_sensor = nearest_rotation(r.reshape(3, 3))
 
     p = np.einsum("nab,bc,nc->na", R_b, R_sensor, p_s) + T_b
-    along = [p[i] - p[rows[0]] for rows in members for i in rows[1:]]
-    u_b = np.linalg.svd(along)[2][0]
+    u_b = np.linalg.svd(p - p[first])[2][0]
     A, b = [], []
-    for i, j in combinations(range(len(p)), 2):
+    for i, j in pairs:
         if group[i] != group[j]:
             A.append(np.cross((R_b[j] - R_b[i]).T, u_b).T)
             b.append(-np.cross(p[j] - p[i], u_b))

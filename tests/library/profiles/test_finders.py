@@ -29,7 +29,6 @@ from raw_profiles import (
 )
 
 import profilecal as pc
-from profilecal.profiles.points import LEAST_TOLERANCE, tolerance
 
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "60"))
 EVERYWHERE = np.full((250, 1, 2), np.inf)  # a target that no spoiling leaves alone
@@ -118,11 +117,6 @@ def test_a_target_is_found_where_depths_come_in_coarse_steps(kind, make, step, l
     profiles[..., 1] = np.rint(profiles[..., 1] / step) * step
     share = share_found(features_of(kind, profiles))
     assert least <= share <= max(2 * least, 0.1)
-
-
-def test_a_steep_face_is_no_surface_in_coarse_steps():
-    z = np.arange(0, 40, 0.5) + 0.01 * default_rng(1).normal(size=80)
-    assert tolerance(z) == LEAST_TOLERANCE
 
 
 X = np.linspace(-40, 40, 801)

@@ -43,11 +43,11 @@ def test_correlation_enlarges_variances_of_means():
     1/k)/3 … : moving averages.
     """
     rng = default_rng(9)
-    white = rng.normal(size=(200, 1000))
+    white = rng.normal(size=(2000, 1000))
     factors = [variance_inflation(errors) for errors in white]
     assert np.mean(factors) == pytest.approx(1, abs=0.05)
     five = np.ones(5) / 5
     smooth = np.array([np.convolve(errors, five, "valid") for errors in white])
     actual = smooth.mean(axis=1).var() * smooth.shape[1] / smooth.var()
     factors = [variance_inflation(errors) for errors in smooth]
-    assert np.mean(factors) == pytest.approx(actual, rel=4 * np.sqrt(2 / 200))
+    assert np.mean(factors) == pytest.approx(actual, rel=4 * np.sqrt(2 / 2000))
