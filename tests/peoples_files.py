@@ -153,22 +153,13 @@ def by_columns(folder):
     np.savetxt(folder / "poses.txt", rows, delimiter=",")
 
 
-def chosen(titles, *columns, convention="KUKA angles"):
-    """Columns of the poses' table, some of them twice."""
-
-    def write(folder):
-        rows = poses(convention)[:, columns]
-        write_table(folder / "robot.csv", titles, rows)
-
-    return write
-
-
 def listed(
     titles,
     labels=(),
     convention="KUKA angles",
     scale=1.0,
     angle=1.0,
+    columns=None,
     order=range(12),
     encoding="utf-8",
     name="poses.csv",
@@ -179,6 +170,7 @@ def listed(
         between = next((mark for mark in ",; " if mark in titles), ",")
         rows = poses(convention, scale)
         rows[:, 3:] *= angle
+        rows = rows if columns is None else rows[:, columns]
         lines = [text(row, between) for row in rows]
         if labels:
             pairs = zip(labels, lines, strict=True)
@@ -200,13 +192,9 @@ csv = listed(
 )
 
 
-def xyzw():
-    """The numbers of each pose in m, as most libraries have quaternions."""
-    return poses("quaternion", 0.001)[:, [0, 1, 2, 4, 5, 6, 3]].tolist()
-
-
 def tum(folder):
-    table = [[1.7e9 + k, *row] for k, row in enumerate(xyzw())]
+    rows = poses("quaternion", 0.001)[:, [0, 1, 2, 4, 5, 6, 3]]
+    table = np.column_stack([1.7e9 + np.arange(12), rows])
     write_table(folder / "poses.tum", "# timestamp tx ty tz qx qy qz qw", table, " ")
 
 
@@ -260,21 +248,20 @@ def beside(**poses_of):
     """The poses that functions give, beside each other under names."""
 
     def write(folder):
-        columns = [own("KUKA angles").tolist() for own in poses_of.values()]
-        rows = [
-            {
-                n: dict(zip("xyzabc", row, strict=True))
-                for n, row in zip(poses_of, rows, strict=True)
-            }
-            for rows in zip(*columns, strict=True)
-        ]
+        table = {
+            name: [dict(zip("xyzabc", row, strict=True)) for row in own("KUKA angles")]
+            for name, own in poses_of.items()
+        }
+        rows = DataFrame(table).to_dict("records")
         (folder / "poses.json").write_text(json.dumps(rows))
 
     return write
 
 
 # in front of positions, whose angles name no owner
-with_speeds = chosen("vel_x,vel_y,vel_z,tcp_x,tcp_y,tcp_z,a,b,c", 3, 4, 5, *range(6))
+with_speeds = listed(
+    "vel_x,vel_y,vel_z,tcp_x,tcp_y,tcp_z,a,b,c", columns=[3, 4, 5, *range(6)]
+)
 
 
 def in_json(name, sample, turned=1):
@@ -391,12 +378,12 @@ def numbered_columns(folder):
     table.to_csv(folder / "all.csv", na_rep="Invalid", index=False)
 
 
-def long_table(folder, name="scan_{:03d}"):
+def long_table(folder):
     """Each label once, as spreadsheets have merged cells."""
     lines = ["pose,x,z"]
     for k, points in enumerate(scan().values):
         rows = [f",{x:.15g},{z:.15g}" for x, z in points]
-        lines += [name.format(k) + rows[0], *rows[1:]]
+        lines += [f"scan_{k:03}{rows[0]}", *rows[1:]]
     write_lines(folder / "all.csv", lines)
 
 
@@ -420,14 +407,9 @@ def stacked(folder):
 
 POSES = {
     "KUKA": kuka,
-    "ABB": abb,
-    "UR": ur,
-    "FANUC": fanuc,
     "OpenCV": opencv,
     "beside images": of_images,
     "with speeds": with_speeds,
-    "4 x 4": matrices("pose{}.txt"),
-    "text": csv,
     "TUM": tum,
     "4 x 4 below one another": stacked_matrices,
     "of flange and tool": beside(tcp=poses_of_tool, flange=poses),
@@ -437,7 +419,6 @@ POSES = {
     "sheet": workbook,
 }
 PROFILES = {
-    "one each": one_each,
     "with gaps": each(nothing=""),
     "unseen at first": every("s{}.csv", unseen_at_first),
     "codes in um": each("{}.csv", "x [um],z [um]", scale=1000, nothing="0,-999999"),

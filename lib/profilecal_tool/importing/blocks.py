@@ -55,8 +55,8 @@ class Block:
     """A table in a file."""
 
     path: Path
-    table: DataFrame  # columns 0, 1, …; the index is where a row stands in the file
-    columns: list[Column]  # what they are
+    table: DataFrame  # the index is where a row stands in the file
+    columns: list[Column]  # what its columns are, which are called as they say `at`
     robot: str = ""  # the maker whose program it is of
     kind: str = "pose"  # of lines of a program; or "tool", "base", "uses", "moved"
     sheet: str = ""  # the name of its sheet, if there are several
@@ -90,7 +90,7 @@ class Block:
         return replace(self, table=self.table.iloc[rows])
 
     def part(self, called: str, chosen: dict[str, Column]) -> "Part":
-        """What is chosen of it."""
+        """The same with columns that are chosen, by role."""
         own = {entry.name: getattr(self, entry.name) for entry in fields(Block)}
         return Part(**own, called=called, chosen=chosen)
 

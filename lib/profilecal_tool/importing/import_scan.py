@@ -127,15 +127,15 @@ def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
     families = {}
     for path, name in watched([*paths.items()], "reading"):
         is_beside = len(said) == 2 and name not in said
-        blocks = []
         try:
-            for block in blocks_in_file(path, layout.encoding):
-                if block.robot or not is_beside:
-                    wanted = with_rows_wanted(block, layout)
-                    blocks.append(with_a_point_a_row(wanted, layout))
+            every = [*blocks_in_file(path, layout.encoding)]
         except ScanError:
             if not is_beside:
                 raise
+            every = []
+        own = [block for block in every if block.robot or not is_beside]
+        wanted = [with_rows_wanted(block, layout) for block in own]
+        blocks = [with_a_point_a_row(block, layout) for block in wanted]
         families.setdefault(name, {})[path] = blocks
     return families
 

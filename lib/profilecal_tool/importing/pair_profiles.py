@@ -58,7 +58,8 @@ def pair_profiles(
     if not found:
         times = times_of(poses, names, layout)
         by_time = paired_by_time(poses, times) if times else None
-        found = by_time or paired_in_order(poses, driven, names, times)
+        are_said = layout.times is not None
+        found = by_time or paired_in_order(poses, driven, names, times, are_said)
     if found.times:
         return found
     lost = [names[k] for k in np.flatnonzero(found.rows < 0)]
@@ -70,13 +71,18 @@ def pair_profiles(
 
 
 def paired_in_order(
-    poses: Part, driven: list[int], names: list[str], times: Times | None
+    poses: Part,
+    driven: list[int],
+    names: list[str],
+    times: Times | None,
+    are_said: bool,
 ) -> Pairing:
     """The poses as moves come to them, or as they are listed. Raises ScanError where
-    there are not as many profiles, or where numbers of poses say another order.
+    there are not as many profiles, where times are said, which then no pose has, or
+    where numbers of poses say another order.
     """
     rows = np.array(driven or range(len(poses.table)))
-    if len(names) != len(rows):
+    if are_said or len(names) != len(rows):
         counts = f"{len(names)} profiles for {len(rows)} poses"
         sentence = f"{counts}, and no label or time that both have; add a column"
         hint = "or say which files: --profiles, or when they were taken: --times"

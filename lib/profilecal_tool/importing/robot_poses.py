@@ -29,7 +29,6 @@ from profilecal_tool.importing.makers import (
     ROBOTS,
     WORDS,
     XYZ,
-    likely_unit,
     scale_of,
 )
 from profilecal_tool.importing.questions import Layout, Question, Taken, ranges
@@ -38,7 +37,6 @@ from profilecal_tool.importing.read_file import names_of
 Entries = dict[str, Any]  # of a Scan
 FARTHEST_M = 20.0  # no robot reaches so far; a position in mm is farther somewhere
 NEAR_MM = 200.0  # few flanges stay so near: it may be cm or inches
-LIKELY_MM = 1000.0  # the farthest that a flange is, for a guess at a unit
 HINT = "--pose-columns says it; w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector; "
 HINT += "alpha,beta,gamma: Stäubli; o,a,t; qw,qx,qy,qz"
 FANUC = named("FANUC angles").columns
@@ -152,7 +150,7 @@ def question_on_columns(
 
 
 def length_of(poses: Part) -> tuple[float, str]:
-    """The unit of positions, mm, and its name. Raises Question where it may be cm or
+    """The unit of positions, mm, and its name. Raises ScanError where it may be cm or
     inches.
     """
     units = poses.units(XYZ)
@@ -161,10 +159,8 @@ def length_of(poses: Part) -> tuple[float, str]:
     if poses.robot:
         usual = ROBOTS[poses.robot].unit
     elif not units and FARTHEST_M <= farthest < NEAR_MM:
-        places = [poses.chosen[axis] for axis in XYZ]
-        likely = likely_columns(places, XYZ, likely_unit(farthest, LIKELY_MM))
-        doubt = f"positions up to {farthest:.4g}; cm, in or mm?"
-        raise question_on_columns(poses, doubt, likely)
+        doubt = f"positions up to {farthest:.4g}; x [cm], x [in] or x [mm]?"
+        raise question_on_columns(poses, doubt, {})
     return scale_of(poses.path, units, usual, LENGTH_UNITS)
 
 
