@@ -471,7 +471,6 @@ SAID = {
     ),
     "one column": (tum, "--columns 2,2", "x and z are one column"),
     "four columns": (tum, "--columns _,x,z,_", "expected two"),
-    "column": (tum, "--columns x,Hoehe", "no Hoehe in columns x, z"),
     "entry": (tum, "--entry flnage", "no entry flnage; the entries are"),
     "entry of profiles": (of_camera, "--entry x,z", "poses are of cam"),
     "zeros among points": (
