@@ -15,14 +15,24 @@ import time
 
 sys.modules["rfc3987_syntax"] = None
 # after the notebooks, so that no core waits for one of them in the end
-LONG = ("test_notebooks.py", "test_sweep.py", "test_import_scan.py", "test_command.py")
-LONG += ("test_page.py", "test_stopped.py", "test_delay.py", "test_fuzz.py")
-LONG += ("test_without_processes.py", "test_documented.py")
-IMPORTED = ("matplotlib.pyplot", "scipy.stats", "ipykernel.kernelapp")
-IMPORTED += ("profilecal_tool.report.page", "profilecal_tool.sweep")
-IMPORTED += ("profilecal_tool.plan.task", "profilecal_tool.importing.import_scan")
-IMPORTED += ("profilecal_papers.batches", "profilecal_papers.ball_study")
-IMPORTED += ("profilecal_papers.edge_tables", "profilecal_papers.comparison")
+LONG = [
+    *("test_notebooks.py", "test_sweep.py", "test_import_scan.py", "test_command.py"),
+    *("test_page.py", "test_stopped.py", "test_delay.py", "test_fuzz.py"),
+    *("test_without_processes.py", "test_documented.py"),
+]
+IMPORTED = [
+    "matplotlib.pyplot",
+    "scipy.stats",
+    "ipykernel.kernelapp",
+    "profilecal_tool.report.page",
+    "profilecal_tool.sweep",
+    "profilecal_tool.plan.task",
+    "profilecal_tool.importing.import_scan",
+    "profilecal_papers.batches",
+    "profilecal_papers.ball_study",
+    "profilecal_papers.edge_tables",
+    "profilecal_papers.comparison",
+]
 
 
 def can_wait(path):
@@ -55,7 +65,7 @@ class Kernel:
     def __init__(self, command, env, cwd=None, **_):
         place = cwd or os.getcwd()
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload([*IMPORTED])
+        context.set_forkserver_preload(IMPORTED)
         self.process = context.Process(target=serve, args=(command[3:], place, env))
         self.process.start()
         self.pid = self.process.pid

@@ -240,10 +240,14 @@ def erring(seen, error, h: float):
         sizes[error.length[2]] += h
         return replace(seen, sizes=tuple(sizes))
     if error.points:
-        x, z = np.moveaxis(seen.points, -1, 0)
-        moved = np.stack(error.points(x, z), axis=-1)
-        return replace(seen, points=seen.points + h * moved)
+        return replace(seen, points=wrongly_seen(seen.points, error, h))
     return with_flange(seen, lambda R, T: (R, T + h * error.positions(T)))
+
+
+def wrongly_seen(points, error, h):
+    """Points (..., 2) with an error of the scanner of size h."""
+    x, z = np.moveaxis(points, -1, 0)
+    return points + h * np.stack(error.points(x, z), axis=-1)
 
 
 def with_flange_error(seen, axes, component: int, h: float):
@@ -347,13 +351,12 @@ def test_points_that_are_missing_do_not_move_the_place_of_an_edge():
     assert scene.target.distance(ends).max() < 1e-9
 
 
-def wrongly_seen(error, wrong, circle):
-    """The circle (1, 3) of an arc with an error of the scanner of that size."""
+def arc_wrongly_seen(error, h, circle):
+    """The circle (1, 3) of an arc with an error of the scanner of size h."""
     angle = np.radians(np.linspace(-50, 50, 21))
     outwards = np.stack([np.sin(angle), -np.cos(angle)], axis=1)
     points = circle[:, :2] + circle[:, 2:] * outwards
-    moved = points + wrong * np.stack(error.points(*points.T), axis=1)
-    return fit_circle(moved)[None]
+    return fit_circle(wrongly_seen(points, error, h))[None]
 
 
 @pytest.mark.parametrize("error", OF_SCANNER, ids=lambda error: error.words[:30])
@@ -363,7 +366,7 @@ def test_a_scanner_errs_in_circles_as_in_the_arcs_that_it_saw(error):
     state = state_of(truth)
 
     def changed(size):
-        wrong = with_values(scan, partial(wrongly_seen, error, size))
+        wrong = with_values(scan, partial(arc_wrongly_seen, error, size))
         _, (seen,), _ = observe_all([wrong])
         return seen
 
