@@ -52,7 +52,6 @@ def test_a_mistake_of_every_kind_is_a_sentence():
         "expected one of profiles, points": {"profiles": points},
         "unknown entry 'radius'": {"radius": 50.0},
         "Scan: 'int' object is not": {"points": None, "profiles": 5},
-        "takes no 'profile'; is it 'profiles'": {"profile": points},
         "radius is missing": {"kind": "disk"},
         r"group has shape \(3,\)": {"group": [0, 0, 1]},
         "labels has 'p' 250 times": {"labels": ["p"] * 250},

@@ -169,15 +169,12 @@ def to_rotations(
     else:
         matrices = block.reshape(-1, 3, 3)
         excess = np.abs(matrices @ matrices.mT - np.eye(3)).max(axis=(1, 2))
-        rows.refuse(
-            ~(excess <= ORTHONORMAL_TOLERANCE),
-            "matrix with R Rᵀ off the identity by {:.2g}; expected a rotation",
-            excess,
-        )
         determinant = np.linalg.det(matrices)
         rows.refuse(
-            determinant < 0,
-            "matrix with determinant {:.2g}, a reflection; expected a rotation",
+            ~(excess <= ORTHONORMAL_TOLERANCE) | (determinant < 0),
+            "matrix with R Rᵀ off the identity by {:.2g} and determinant {:.2g}; "
+            "expected a rotation: 0 and 1",
+            excess,
             determinant,
         )
         rotation = Rotation.from_matrix(matrices)  # made exactly orthonormal

@@ -3,8 +3,6 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
-from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -216,14 +214,9 @@ class Scan:
         """
         check_entries("Scan", {"kind": kind}, ENTRY_RULES)
         known = length_rules(kind)
-        for name in lengths.keys() - known:
-            alike = get_close_matches(name, [*signature(cls.of).parameters, *known])
-            if alike:
-                raise ScanError(f"Scan.of takes no {name!r}; is it {alike[0]!r}?")
-        check_entries("Scan", lengths, known, needed=known)
+        check_entries("lengths of Scan.of", lengths, known, needed=known)
         if delay_ms is not None:
             check_entries("Scan", {"delay_ms": delay_ms}, {"delay_ms": DELAY_MS})
-            delay_ms = float(delay_ms)
         measured, rows = the_one_given(
             profiles=profiles, points=points, chords=chords, arcs=arcs
         )
@@ -237,10 +230,9 @@ class Scan:
                 way = rigid("log T", log[1])
                 recorded = checked_log(log[0], way[:, :3, :3], way[:, :3, 3])
             values = rows_by_pose(measured, rows)
-        numbered = range(1, len(T) + 1)
         return cls(
             kind=kind,
-            labels=tuple(map(str, numbered if labels is None else labels)),
+            labels=tuple(map(str, range(1, len(T) + 1) if labels is None else labels)),
             R_base_flange=T[:, :3, :3],
             p_base_flange=T[:, :3, 3],
             measured=measured,

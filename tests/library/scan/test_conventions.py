@@ -60,7 +60,7 @@ IMPOSSIBLE = {  # by what is said of them
         [0, 0, 1e308],
     ),
     "matrix with R Rᵀ off the identity by 3": ("matrix", np.diag([1, 1, 2])),
-    "matrix with determinant -1, a reflection": ("matrix", np.diag([1, 1, -1])),
+    "matrix .* and determinant -1; expected a": ("matrix", np.diag([1, 1, -1])),
 }
 
 
