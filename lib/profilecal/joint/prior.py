@@ -127,11 +127,14 @@ class Prior:
         errors are left out, too.
         """
         exact = replace(self.scales, **dict.fromkeys((*ROBOT, "jitter_ms"), 0.0))
-        none = Systematic()
         # so that `law` leaves the size of smooth errors free, although robot_known
         stated = self.stated - {SMOOTH}
         return replace(
-            self, scales=exact, stated=stated, robot_known=True, systematic=none
+            self,
+            scales=exact,
+            stated=stated,
+            robot_known=True,
+            systematic=Systematic(),
         )
 
     def with_scanner(self, noise_mm: float) -> "Prior":
@@ -381,11 +384,12 @@ def prior_from(stated: dict[str, float], features_mm: float = 0.0) -> Prior:
     is believed, 0 that there is no such error; the rest is as usual. `features_mm`: the
     noise that raw profiles themselves show, 0 where there are none.
     """
-    names = (*ESTIMATED, "accuracy_deg")
-    robot = {name: stated.get(name, getattr(USUAL, name)) for name in names}
-    # smooth errors of both kinds are counted in mm: those of orientations alone need
-    # some
-    robot[SMOOTH] = robot[SMOOTH] or FINEST_MM * stated.get("accuracy_deg", 0.0)
+    robot = {name: stated.get(name, getattr(USUAL, name)) for name in ESTIMATED}
+    # smooth errors of orientations, left out, are to those of positions as usual; both
+    # are counted in mm, of which those of orientations alone need some
+    as_usual = USUAL.accuracy_deg * (robot[SMOOTH] / USUAL.accuracy_mm)
+    deg = robot["accuracy_deg"] = stated.get("accuracy_deg", as_usual)
+    robot[SMOOTH] = robot[SMOOTH] or FINEST_MM * (deg > 0)
     errors = {name: stated.get(name, usual) for name, usual in vars(TYPICAL).items()}
     given_mm = stated.get("profile_mm", 0.0)
     scales = Noise(
@@ -394,5 +398,9 @@ def prior_from(stated: dict[str, float], features_mm: float = 0.0) -> Prior:
         **robot,
     )
     source = "profiles" if features_mm else "given" if given_mm else "residuals"
-    of_robot = frozenset(ESTIMATED) & stated.keys()
-    return Prior(scales, of_robot, source, systematic=Systematic(**errors))
+    return Prior(
+        scales,
+        frozenset(ESTIMATED) & stated.keys(),
+        source,
+        systematic=Systematic(**errors),
+    )

@@ -50,12 +50,20 @@ def averaged(model, prior):
     return average(model, prior, likeliest(model, law))
 
 
-@pytest.mark.parametrize(("stated_deg", "count"), [(0.0, 0), (0.1, 1)])
-def test_errors_are_as_usual_where_nothing_is_stated(stated_deg, count):
+@pytest.mark.parametrize(
+    ("stated", "count", "deg"),
+    [
+        ({"accuracy_mm": 0.0}, 0, 0.0),
+        ({"accuracy_mm": 0.0, "accuracy_deg": 0.1}, 1, 0.1),
+        ({"accuracy_mm": 0.1}, 1, 0.01),
+    ],
+)
+def test_errors_are_as_usual_where_nothing_is_stated(stated, count, deg):
     """Smooth ones are there also if they are of orientations alone."""
     assert prior_from({}).scales == replace(USUAL, profile_mm=1.0)
-    prior = prior_from({"accuracy_mm": 0.0, "accuracy_deg": stated_deg})
+    prior = prior_from(stated)
     assert len(prior.names([])) == count
+    assert prior.scales.accuracy_deg == pytest.approx(deg)
 
 
 def test_the_likeliest_sizes_are_those_that_scipy_finds(monkeypatch):
