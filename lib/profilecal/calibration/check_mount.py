@@ -13,7 +13,7 @@ import numpy as np
 from numpy import ndarray
 from scipy.special import chndtrinc, fdtrc, fdtri
 
-from profilecal.calibration.answer import DEGREES, Answer, check_another
+from profilecal.calibration.answer import DEGREES, Answer, Joint, check_another
 from profilecal.calibration.calibration import Calibration, column_names
 from profilecal.calibration.evidence import Evidence, evidence
 from profilecal.calibration.observe import as_observations, observe
@@ -195,33 +195,38 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
             "the answer holds no prediction of other poses; calibrate anew with "
             "profilecal calibrate SCAN --json > T.json"
         )
-    known = [described(kind, sizes) for kind, sizes, *_ in joint.targets]
-    alike = [k for k, one in enumerate(known) if one == scan.description]
-    if len(alike) != 1:
-        raise ScanError(
-            f"{title}: its {scan.description} is {len(alike) or 'none'} of the "
-            f"calibration's targets ({'; '.join(known)}); "
-            "expected one; verify takes any target"
-        )
+    number = target_seen(joint, scan, title)
     seen = observe(scan, 1)
-    if seen.typical_mm:
-        noise_mm = seen.typical_mm * joint.noise_factor
-    else:  # the calibration may be of profiles, whose fitted features err by less
+    noise_mm = seen.typical_mm * joint.noise_factor
+    if not noise_mm:  # the calibration may be of profiles, whose features err by less
         noise_mm = max(found.noise_mm, scan.noise.get("profile_mm", 0.0))
     observed = as_observations(scan, seen, seen.typical_mm)
     noise = Noise(**joint.robot_errors | {"profile_mm": noise_mm})
     problem = Problem([observed], noise, ALL_CONSIDERED, known_smooth=joint.smooth)
-    _, _, origin, axes = joint.targets[alike[0]]
+    _, _, origin, axes = joint.targets[number]
     T, placement = found.pose[None], (np.array([origin]), np.array([axes]))
     state = State(T[:, :3, :3], T[:, :3, 3], (placement,))
     model = problem.model(state, [*noise.of_robot])
-    names = column_names(problem, alike, noise.accuracy_mm > 0)
+    names = column_names(problem, [number], noise.accuracy_mm > 0)
     return MountCheck(
         labels=tuple(scan.labels[i] for i in seen.poses),
         count=int(model.ranks.sum()),
         moves=moves_after(model, noise, *joint.of(names), problem.units),
         freedom=joint.freedom,
     )
+
+
+def target_seen(joint: Joint, scan: Scan, title: str) -> int:
+    """Which of a calibration's targets a scan is of. Raises ScanError unless one."""
+    known = [described(kind, sizes) for kind, sizes, *_ in joint.targets]
+    count = known.count(scan.description)
+    if count != 1:
+        raise ScanError(
+            f"{title}: its {scan.description} is {count or 'none'} of the "
+            f"calibration's targets ({'; '.join(known)}); "
+            "expected one; verify takes any target"
+        )
+    return known.index(scan.description)
 
 
 def moves_after(

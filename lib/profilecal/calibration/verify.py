@@ -171,36 +171,29 @@ def verify(
             own = other.covariance_total_mm_deg
         checked = Verification(difference(T, other.pose), stated, own / MM_DEG, other)
     else:
-        checked = against(T, stated, other, title)
+        alone = calibrate(other, T, NEAR)
+        shown = len(alone.seen[0])
+        if shown < FEWEST_POSES:
+            raise ScanError(
+                f"{title}: shows the target from {shown} poses; expected "
+                f"{FEWEST_POSES} or more, or check-mount, which does with fewer if the "
+                "target stands as it did"
+            )
+        solution = alone.solution
+        target, points, _ = target_by(T, alone.observed[0].keep(solution.kept[0]))
+        checked = Verification(
+            difference(T, solution.pose),
+            stated,
+            solution.covariance,
+            alone,
+            dict(zip(other.measures, map(float, target.measures), strict=True)),
+            float(np.sqrt(np.mean(target.distance(points) ** 2))),
+        )
     if not len(checked.apart):
         why = getattr(checked.other, "messages", ())
         sentence = f"{title}: determines no direction of the sensor's pose"
         raise ScanError("; ".join([sentence, *why]))
     return checked
-
-
-def against(T: ndarray, stated: ndarray, other: Scan, title: str) -> Verification:
-    """How far a scan's own answer is from a sensor pose T (4, 4) of such a covariance.
-    Raises ScanError for a scan of too few poses.
-    """
-    alone = calibrate(other, T, NEAR)
-    shown = len(alone.seen[0])
-    if shown < FEWEST_POSES:
-        raise ScanError(
-            f"{title}: shows the target from {shown} poses; expected {FEWEST_POSES} or "
-            "more, or check-mount, which does with fewer if the target stands as it did"
-        )
-    solution = alone.solution
-    (used,) = alone.observed
-    target, points, _ = target_by(T, used.keep(solution.kept[0]))
-    return Verification(
-        difference(T, solution.pose),
-        stated,
-        solution.covariance,
-        alone,
-        dict(zip(other.measures, map(float, target.measures), strict=True)),
-        float(np.sqrt(np.mean(target.distance(points) ** 2))),
-    )
 
 
 def target_by(T: ndarray, observed: Observations) -> tuple[Target, ndarray, ndarray]:
