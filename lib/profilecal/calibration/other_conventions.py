@@ -1,12 +1,12 @@
 """Other readings of the same files, for a scan that contradicts itself: which one would
 explain the data?
 
-Poses read wrongly (angles in another order, the base in the flange, inches) fit
-nothing, which looks like motions that determine nothing. Each other reading is judged
-as a search judges a start, by distances in space and medians. The one that fits far
-better is named, never used. What no data can tell is not tried: mirrored x, or x and z
-exchanged, is what a scanner sees that is turned by 180° about its z, or about the line
-halfway between x and z.
+Poses read wrongly (angles in another order, the base in the flange) fit nothing, which
+looks like motions that determine nothing. Each other reading is judged as a search
+judges a start, by distances in space and medians. The one that fits far better is
+named, never used. What no data can tell is not tried: mirrored x, or x and z exchanged,
+is what a scanner sees that is turned by 180° about its z, or about the line halfway
+between x and z.
 """
 
 from collections.abc import Iterator
@@ -35,7 +35,6 @@ FAR_BETTER = 2.0
 # logarithm of the odds against residuals so much smaller by chance, among all readings
 # and starts
 LUCK = 25.0
-UNITS = {"cm": 10.0, "inches": 25.4}
 SEQUENCES = {  # of three angles, as scipy names them
     f"{one.name} {', '.join(one.columns)}": one.sequence
     for one in CONVENTIONS
@@ -113,8 +112,6 @@ def readings(
         ("the profiles in reverse order", rows[::-1]),
     ):
         yield words, posed(R[order], p[order])
-    for unit, factor in UNITS.items():
-        yield f"the poses' x, y, z in {unit} instead of mm", posed(R, factor * p)
     for words, rotation in other_rotations(scan):
         yield words, posed(rotation.as_matrix(), p)
     if scan.sizes:

@@ -49,11 +49,6 @@ def misread(name, printed_as, change=lambda block: block):
     return wrong
 
 
-def too_small(times):
-    """All positions of the flange so many times nearer to the base."""
-    return lambda scan: replace(scan, p_base_flange=scan.p_base_flange / times)
-
-
 def one_row_early(scan):
     first, *others = scan.values
     return replace(scan, values=(*others, first))
@@ -72,7 +67,6 @@ WRONG = {  # by what the first message is to say
     "every pose inverted (base in flange)": inverted,
     'mount = "eye-': on_another_mount,
     "taken from the next row's pose": one_row_early,
-    "the poses' x, y, z in inches instead of mm": too_small(25.4),
     "the profiles in reverse order": lambda scan: replace(
         scan, values=scan.values[::-1]
     ),
