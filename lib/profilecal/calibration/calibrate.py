@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
@@ -20,7 +21,6 @@ from profilecal.calibration.several_scans import (
     by_scan,
     check_different,
     prefixes,
-    with_few_joined,
 )
 from profilecal.geometry.checks import UnobservableError, check_array, check_rigid
 from profilecal.geometry.poses import carry
@@ -93,10 +93,9 @@ def calibrate(
     stated = agreed(scans)
     mount = mount_of(scans, guess, guess_sd)
     check_different(scans)
-    scans, remarks = with_few_joined(scans)
     seen, observed, features_mm = observe_all(scans)
     prior = replace(prior_from(stated, features_mm), mount=mount)
-    remarks += by_scan(scans, [entry.remarks for entry in seen])
+    remarks = by_scan(scans, [entry.remarks for entry in seen])
     questions = by_scan(scans, [doubts(scan) for scan in scans])
     notes = *remarks, *questions
     poses = tuple(entry.poses for entry in seen)
@@ -148,11 +147,34 @@ def believed(
             messages = (*rests_on(both, mount), *both.messages)
             solution, objections, others = replace(both, messages=messages), [], []
     others += other_sides(scans, seen, solution)
-    if scans[1:]:
-        others += plausibility.between_scans(solution, prefixes(scans))
+    others += plausibility.moved(solution, parts_of(scans, seen))
     if others and solution.status == "ok":
         solution = replace(solution, status="weak")
     return solution, others + objections
+
+
+def parts_of(scans: Sequence[Scan], seen: Sequence[Seen]) -> dict[str, ndarray]:
+    """Words on what one of the scans, or a part of one, looks like if the sensor moved,
+    with a place for how far, and which (profiles,) of all are of it.
+    """
+    parts = {}
+    number = np.repeat(range(len(scans)), [len(entry.poses) for entry in seen])
+    for k, (name, scan) in enumerate(zip(prefixes(scans), scans, strict=True)):
+        own = number == k
+        if len(scans) > 1:
+            words = (
+                "the sensor is {} from where the other scans have it, as if it had "
+                "moved between them; calibrate them one by one"
+            )
+            parts[name + words] = own
+        poses = seen[k].poses
+        for start in len(poses) * np.arange(1, 4) // 4:
+            words = (
+                f"from about pose {scan.labels[poses[start]]} on the sensor is {{}} "
+                "from where it was, as if it or the target had moved; scan anew"
+            )
+            parts[name + words] = own & (np.cumsum(own) > start)
+    return parts
 
 
 def mount_of(

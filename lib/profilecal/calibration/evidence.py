@@ -13,7 +13,7 @@ x is integrated out (a Schur complement):
     [gᵀ χ²] = N_bb - N_bA (N_AA + Π)⁻¹ N_Ab,  b = (B, r)
 
 Three questions are asked so: what may be wrong at all poses, whether the sensor has
-moved between scans (both `plausibility`), and whether a later scan is as predicted
+moved meanwhile (both `plausibility`), and whether a later scan is as predicted
 (`check_mount`).
 """
 
@@ -46,15 +46,24 @@ class Evidence:
         return np.array([-self.slope / information, information**-0.5])
 
     @property
+    def known(self) -> ndarray:
+        """(k, k) the information, if each has a standard deviation of 1 beforehand."""
+        return self.information + np.eye(len(self.slope))
+
+    @property
     def likeliest(self) -> ndarray:
-        """The steps (k,), if each has a standard deviation of 1 beforehand."""
-        known = self.information + np.eye(len(self.slope))
-        return -np.linalg.solve(known, self.slope)
+        """The steps (k,) then."""
+        return -np.linalg.solve(self.known, self.slope)
 
     @property
     def explained(self) -> float:
         """By how much these make χ² smaller."""
         return float(-self.slope @ self.likeliest)
+
+    @property
+    def log_odds(self) -> float:
+        """The logarithm of how many times as likely they make the residuals."""
+        return self.explained / 2 - np.linalg.slogdet(self.known)[1] / 2
 
 
 def evidence(normal: ndarray, precision: ndarray) -> Evidence:

@@ -44,7 +44,7 @@ def shown_by(solution: Solution) -> tuple[ndarray, Spectrum]:
     """δ (6,), mm and rad, from a solution to what the residuals alone say, and how well
     they tell it.
     """
-    model = replace(solution.model()[0], of_mount=0.0)
+    model = replace(solution.model(), of_mount=0.0)
     posterior = model.posterior(solution.error_sizes.median_v[None])
     covariance = posterior.covariance[0, :6, :6]
     return posterior.mean[0, :6], of_covariance(covariance)
@@ -59,8 +59,7 @@ def disagreement(solution: Solution, mount: Mount | None) -> list[str]:
     """
     if mount is None:
         return []
-    R = mount.rotation
-    T = mount.translation
+    R, T = mount.rotation, mount.translation
     offset, shown = shown_by(solution)
     D = shown.directions[shown.sd < 1] / HAND_PRECISION
     beside = solution.covariance_total - solution.covariance
@@ -90,8 +89,6 @@ def disagreement(solution: Solution, mount: Mount | None) -> list[str]:
         causes.append(
             f"the guess were of the {solution.problem.frame} in the sensor's frame"
         )
-    if agrees(R, 1000 * T):
-        causes.append("the guess were in metres")
     causes.append(other_frame(solution, homogeneous(R, T)))
     said = (mount.sd[0], " mm"), (np.degrees(mount.sd[3]), "°")
     good = " and ".join(f"{sd:.3g}{unit}" for sd, unit in said if np.isfinite(sd))

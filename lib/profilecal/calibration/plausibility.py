@@ -6,7 +6,7 @@ unknown, tested by Rao's score. Contradictions, many rejected poses and a misfit
 than noise speak against a solution too.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import compress
@@ -14,10 +14,10 @@ from itertools import compress
 import numpy as np
 from numpy import ndarray
 from scipy.linalg import block_diag
-from scipy.special import fdtri, ndtr
+from scipy.special import ndtr
 
-from profilecal.calibration.evidence import Evidence, evidence
-from profilecal.geometry.noise import FALSE_ALARM, normalised_square
+from profilecal.calibration.evidence import evidence
+from profilecal.geometry.noise import FALSE_ALARM, SMOOTH, normalised_square
 from profilecal.geometry.observability import (
     HAND_PRECISION,
     WEAK,
@@ -38,6 +38,7 @@ MUCH = 3.0
 SHADOW = 0.8
 # of an error's own pattern: less is left of it beside the unknowns than rounding
 ABSORBED = 1e-9
+SMALLER = np.array([1, 1 / 4, 1 / 16])  # times which the robot's errors are looked at
 ADVICE = (
     "check the mount, units and convention of the poses, which pose each profile "
     "belongs to, x and z of the profiles, the radius"
@@ -77,9 +78,9 @@ def systematic_tests(solution: Solution) -> list[Finding]:
     """What might be wrong everywhere, each by itself."""
     problem = solution.problem
     tried = [*OF_SCANNER, *of_target(problem.observations), *robot_patterns(problem)]
-    model, posterior = solution.model(tried)
+    model = solution.model(tried)
     n = model.p - len(tried)
-    (normal,) = posterior.normal
+    (normal,) = model.posterior(solution.error_sizes.median_v[None]).normal
     with np.errstate(invalid="ignore", divide="ignore"):
         says = evidence(normal, model.precision[:n, :n])
         corrections, sds = says.each()
@@ -94,50 +95,45 @@ def systematic_tests(solution: Solution) -> list[Finding]:
     return [*compress(every, visible)]
 
 
-def moves_by_scan(solution: Solution) -> list[Evidence]:
-    """What the residuals say of a sensor pose of each scan's own, in units of how well
-    one would know it by hand; nothing if there is one scan.
+def moved(solution: Solution, parts: Mapping[str, ndarray]) -> list[str]:
+    """A sentence on the part of the profiles whose sensor pose is most clearly another
+    one than that of all others, if there is one. `parts`: by words on it, which
+    profiles (profiles,) are of it.
+
+    Where none moved, a move makes the residuals n times as likely in one of n scans at
+    most. Errors that were estimated without a move explain it if they are large: they
+    are looked at if they are smaller, too.
     """
-    model, _ = solution.model()
-    count = len(solution.kept)
-    # (profiles, scans) 1 where a profile is of a scan
-    of_scan = np.repeat(np.eye(count), [*map(len, solution.kept)], axis=0)
+    model = solution.model()
+    of_part = np.stack([*parts.values()], axis=1)
+    unit = WEAK * HAND_PRECISION
 
     def widened(rows: ndarray) -> ndarray:
-        """[A | B | r] of [A | r]; B has the columns of the sensor, scan by scan."""
-        B = rows[..., None, :6] * HAND_PRECISION * of_scan[:, None, :, None]
+        """[A | B | r] of [A | r]; B has the columns of the sensor, part by part."""
+        B = rows[..., None, :6] * unit * of_part[:, None, :, None]
         return np.insert(rows, [model.p], B.reshape(*rows.shape[:2], -1), axis=2)
 
     wide = replace(
         model,
         Y=widened(model.Y),
         rest=widened(model.rest),
-        precision=block_diag(model.precision, np.eye(6 * count)),
+        precision=block_diag(model.precision, np.eye(6 * len(parts))),
         of_mount=0.0,
     )
-    (normal,) = wide.posterior(solution.error_sizes.median_v[None]).normal
-    says = evidence(normal, model.precision)
-    return [says.of(slice(6 * k, 6 * k + 6)) for k in range(count)]
-
-
-def between_scans(solution: Solution, names: Sequence[str]) -> list[str]:
-    """A sentence on the scan whose sensor pose is most clearly another one than that of
-    all others, if there is one. `names` are put before it.
-    """
-    says = moves_by_scan(solution)
-    k = int(np.argmax([one.explained for one in says]))
-    chance = 1 - FALSE_ALARM / len(says)
-    # an F law, as the sizes of errors are estimated
-    limit = 6 * fdtri(6, solution.error_sizes.freedom, chance)
-    if says[k].explained < limit:
-        return []
-    step = says[k].likeliest * HAND_PRECISION
-    shift, turn = np.linalg.norm(step.reshape(2, 3), axis=1)
-    return [
-        f"{names[k]}the sensor is {brief(shift)} mm and {brief(np.degrees(turn))}° "
-        "from where the other scans have it, as if it had moved between them; "
-        "calibrate them one by one"
+    is_robots = [False, *(name != SMOOTH for name in model.names)]
+    smaller = np.where(is_robots, SMALLER[:, None], 1.0)
+    posterior = wide.posterior(smaller**2 * solution.error_sizes.median_v)
+    every = [evidence(normal, model.precision) for normal in posterior.normal]
+    without = posterior.log_evidence - [says.log_odds for says in every]
+    single = [
+        says.of(slice(6 * k, 6 * k + 6)) for says in every for k in range(len(parts))
     ]
+    with_one = without.repeat(len(parts)) + [says.log_odds for says in single]
+    best = int(np.argmax(with_one))
+    if with_one[best] - without.max() < np.log(len(parts) / FALSE_ALARM):
+        return []
+    far = how_far(single[best].likeliest * unit)
+    return [[*parts][best % len(parts)].replace("{}", far)]
 
 
 def robot_patterns(problem: Problem) -> list[Perturbation]:
@@ -223,12 +219,19 @@ def contradictions(solution: Solution) -> tuple[list[str], bool]:
             f"the data contradict each other by {brief(error_mm)} mm, "
             f"more than a robot errs; {ADVICE}"
         )
-    for seen, rejected in zip(
-        solution.problem.observations, solution.rejected, strict=True
-    ):
-        if rejected.mean() > LARGEST_REJECTED:
-            counts = f"the {seen.kind}: {rejected.sum()} of {len(rejected)}"
-            messages.append(f"{counts} poses contradict the others; {ADVICE}")
+    problem = solution.problem
+    groups = problem.split(problem.groups.group)
+    of_scans = zip(problem.observations, solution.rejected, groups, strict=True)
+    for seen, rejected, group in of_scans:
+        count = int(rejected.sum())
+        in_a_row = rejected[:count].all() or rejected[-count:].all()
+        several = count > 2 and np.ptp(group[rejected]) > 0
+        if rejected.mean() > LARGEST_REJECTED or (in_a_row and several):
+            row = ", in a row, as if sensor or target had moved" * bool(in_a_row)
+            messages.append(
+                f"the {seen.kind}: {count} of {len(rejected)} poses contradict the "
+                f"others{row}; {ADVICE}"
+            )
     return messages, are_large
 
 
@@ -242,7 +245,6 @@ def clear_findings(findings: list[Finding]) -> list[Finding]:
 def accusation(guilty: list[Finding]) -> str:
     """What the residuals look like, and what the clearest of it would do."""
     clearest = guilty[0]
-    shift, turn = np.linalg.norm(clearest.moves.reshape(2, 3), axis=1)
     causes = ", or as if ".join(one.words for one in guilty[:4])
     remedy = "the covariance is enlarged to match"
     if max(one.not_allowed_for for one in guilty) < 0.5:
@@ -250,6 +252,11 @@ def accusation(guilty: list[Finding]) -> str:
     return (
         f"the residuals look as if {causes} "
         f"({clearest.clear:.0f} standard deviations), "
-        f"which would move the sensor by up to {brief(shift)} mm and "
-        f"{brief(np.degrees(turn))}°; {remedy}"
+        f"which would move the sensor by up to {how_far(clearest.moves)}; {remedy}"
     )
+
+
+def how_far(delta: ndarray) -> str:
+    """The shift and the turn of δ (6,), mm and rad, in words."""
+    shift, turn = np.linalg.norm(delta.reshape(2, 3), axis=1)
+    return f"{brief(shift)} mm and {brief(np.degrees(turn))}°"

@@ -3,13 +3,9 @@ a sentence on one of them begins with.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from itertools import combinations
 
-import numpy as np
-
 from profilecal.calibration.answer import are_the_same, fingerprints
-from profilecal.calibration.observe import LEAST_POSES, LIKE
 from profilecal.geometry.checks import check_type
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError
@@ -78,50 +74,3 @@ def agreed(scans: Sequence[Scan]) -> Entries:
                     "expected one"
                 )
     return stated
-
-
-def with_few_joined(scans: Sequence[Scan]) -> tuple[tuple[Scan, ...], list[str]]:
-    """Scans, those of too few poses to place a target by themselves as part of the
-    first of a like target, if there is one; and a sentence for each of these.
-
-    A second step of a plan may have one pose or two: its target stands where it stood.
-    """
-    pairs = [*zip(prefixes(scans), scans, strict=True)]
-    kept: list[Scan] = []
-    remarks = []
-    for name, scan in sorted(pairs, key=lambda pair: has_few(pair[1])):
-        alike = [k for k, one in enumerate(kept) if LIKE(one) == LIKE(scan)]
-        if alike and has_few(scan):
-            kept[alike[0]] = joined(kept[alike[0]], scan, name)
-            remarks.append(
-                f"{name}too few poses to place a target; this {scan.kind} is taken "
-                "to stand where the first one does"
-            )
-        else:
-            kept.append(scan)
-    return tuple(kept), remarks
-
-
-def has_few(scan: Scan) -> bool:
-    """Whether it holds too few poses, at rest, to place a target."""
-    return scan.log is None and len(scan.values) < LEAST_POSES
-
-
-def joined(first: Scan, second: Scan, name: str) -> Scan:
-    """The poses of two scans as one scan, with the second one's name before its labels;
-    what is not of poses is the first one's.
-    """
-    arrays: Entries = {
-        field: np.concatenate([getattr(first, field), getattr(second, field)])
-        for field in ("R_base_flange", "p_base_flange", "side")
-    }
-    return replace(
-        first,
-        labels=(*first.labels, *(name + label for label in second.labels)),
-        values=first.values + second.values,
-        group=None,
-        group_given=False,
-        orientation=None,
-        sweeps=(),
-        **arrays,
-    )

@@ -120,7 +120,8 @@ def twin(solution: Solution, candidates: State) -> list[str]:
         kept = problem.of(seen.keep(own) for seen, own in pairs)
         other = refine(kept, candidates[[k]], tolerance=ROUGHLY).state
         # the model there, as if the other sensor pose were the solution
-        _, posterior = replace(solution, state=other).model()
+        there = replace(solution, state=other).model()
+        posterior = there.posterior(solution.error_sizes.median_v[None])
         other = problem.move(other, posterior.mean[:, : problem.n])
         (error,), is_another = errors_if_right(solution, other)
         if is_another and posterior.square[0] < largest:

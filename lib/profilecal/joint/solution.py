@@ -11,7 +11,7 @@ from profilecal.geometry.noise import ESTIMATED, SMOOTH, Noise
 from profilecal.geometry.observability import Spectrum
 from profilecal.geometry.poses import homogeneous
 from profilecal.joint.error_sizes import ErrorSizes
-from profilecal.joint.linear_model import LinearModel, Posterior
+from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.prior import Perturbation, Prior
 from profilecal.joint.problem import Problem
 from profilecal.joint.smooth import SmoothErrors, shifting
@@ -48,8 +48,8 @@ class Solution:
         rows of `steps`.
 
         A flange that is shifted by s and turned by ψ takes along the sensor, which is
-        at a, in the sensor's frame: ρ = s + ψ × a, φ = ψ. These are the rows of
-        `lever`. Eye-to-hand, the sensor's own place has the error, and a is zero.
+        at a, in the sensor's frame: ρ = s + ψ × a, φ = ψ. Eye-to-hand, the sensor's own
+        place has the error, and a is zero.
         """
         sizes = self.error_sizes
         if SMOOTH not in sizes.of_robot:
@@ -58,9 +58,8 @@ class Solution:
         arm = np.zeros(3)
         if not self.problem.to_hand:
             arm = self.rotation.T @ self.translation
-        lever = shifting(arm)
         by_axis = np.repeat([1, self.smooth.ratio], 3)
-        moved = np.hstack([lever * by_axis, self.smooth.steps[:6]])
+        moved = np.hstack([shifting(arm) * by_axis, self.smooth.steps[:6]])
         return self.covariance + sizes.mean_v[-1] * moved @ moved.T
 
     @property
@@ -83,16 +82,12 @@ class Solution:
         """The robot's smooth errors at the poses kept."""
         return self.problem.smooth(self.state).keeping(np.concatenate(self.kept))
 
-    def model(
-        self, tried: Sequence[Perturbation] = ()
-    ) -> tuple[LinearModel, Posterior]:
+    def model(self, tried: Sequence[Perturbation] = ()) -> LinearModel:
         """The linear model of the poses kept at the solution, with errors `tried` of
-        which nothing is known beforehand; and what it says with errors of the sizes
-        found.
+        which nothing is known beforehand.
         """
         model = self.problem.model(self.state, [*self.error_sizes.of_robot], tried)
-        model = model.keeping(np.concatenate(self.kept))
-        return model, model.posterior(self.error_sizes.median_v[None])
+        return model.keeping(np.concatenate(self.kept))
 
     @property
     def known_of_all(self) -> tuple[ndarray, ndarray]:
@@ -102,7 +97,7 @@ class Solution:
         enlarged as that of the sensor pose is.
         """
         sizes, problem = self.error_sizes, self.problem
-        posterior = self.model()[0].posterior(sizes.mean_v[None])
+        posterior = self.model().posterior(sizes.mean_v[None])
         mean = sizes.mean.copy()
         mean[: problem.n] = 0
         if problem.clock is not None:

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from simulated import few, scan_of, squared_error, with_values
+from simulated import squared_error, with_values
 
 import profilecal as pc
-from profilecal.calibration.several_scans import with_few_joined
 from profilecal.geometry.poses import homogeneous, rotations
 
 
@@ -78,23 +77,6 @@ def test_what_the_scan_leaves_open_rests_on_the_guess_and_says_so(kind):
     assert squared_error(found) < 16.8  # χ² of 6, 1 %
 
 
-def test_a_guess_counts_that_only_a_scan_of_two_poses_has():
-    """Such a scan is joined to the first of its target, wherever it stands."""
-    plan = {"groups": 6, "positions": 4, "spread_deg": 0.0}
-    scan, truth = pc.simulate("edge", seed=2, **plan)
-    two = few(pc.simulate("edge", seed=2, scan=2, **plan)[0], [0, 9])
-    guess = near(truth.pose, 2, 0.5, 0.2)
-    guessed = replace(two, guess=guess, guess_sd=(0.5, 0.2))
-    ball = pc.simulate("ball", seed=2, **plan)[0]
-    for scans in ([scan, guessed], [guessed, scan], [ball, guessed, scan]):
-        found = pc.calibrate(scans)
-        assert found.is_known
-        assert len(found.scans) == len(scans) - 1
-    swept = scan_of("edge", seed=2, motion={"sweeps": 3, "profiles": 5})
-    parts = few(swept, [0, 1]), few(swept, range(2, len(swept.labels)))
-    assert with_few_joined(parts) == (parts, [])
-
-
 def test_a_guess_is_held_against_what_a_scan_determines_of_the_pose():
     """One orientation leaves translations open; the turns are known."""
     scan, truth = pc.simulate("ball", seed=1, spread_deg=0.0)
@@ -129,10 +111,6 @@ def test_how_good_a_guess_is_counts_whoever_has_the_guess():
     roughly = replace(scan, guess=off, guess_sd=(50, 8))
     assert pc.calibrate(roughly).status == "ok"
     assert pc.calibrate(roughly, guess_sd=(0.5, 8)).status == "weak"
-    in_metres = truth.pose.copy()
-    in_metres[:3, 3] /= 1000
-    (message,) = pc.calibrate(scan, in_metres).messages
-    assert "as if the guess were in metres, or as if the poses" in message
     for guess, sd, sentence in (
         (None, (0.5, 8), "but no guess is given"),
         (off, (0.0, 8.0), "expected mm and degrees above 0"),

@@ -185,15 +185,33 @@ def test_many_rejected_poses_of_one_scan_are_doubted():
     assert re.search(r"the ball: 1\d of 40 poses contradict the others", said(found))
 
 
+def knocked(scan, first=0):
+    """From a pose on, by number, the sensor is 2 mm off."""
+    later = range(first, len(scan.labels))
+    return with_values(scan, lambda rows: rows + np.eye(3)[0] * 2, later)
+
+
 def test_a_sensor_that_moved_between_scans_is_noticed():
     """Else errors that poses of an orientation share would explain it."""
     edge, ball, plane = of_one_scanner("edge", "ball", "plane")
     assert pc.calibrate([edge, ball, plane]).status == "ok"
-    moved = with_values(ball, lambda rows: rows + np.eye(3)[0] * 2)
-    found = pc.calibrate([edge, moved, plane])
+    found = pc.calibrate([edge, knocked(ball), plane])
     assert found.status == "weak"
     sentence = r"ball 2: the sensor is [12]\.\d mm and 0\.\d+° from where"
     assert re.match(sentence, said(found))
+
+
+@pytest.mark.parametrize(
+    ("first", "sentence"),
+    [
+        (20, r"from about pose g6p1 on the sensor is [12]\.\d mm and 0\.\d+° from"),
+        (33, "8 of 40 poses contradict the others, in a row, as if sensor or target"),
+    ],
+)
+def test_a_sensor_that_moved_within_a_scan_is_noticed(first, sentence):
+    found = pc.calibrate(knocked(scan_of("ball", seed=3001, noise=ERRING), first))
+    assert found.status == "weak"
+    assert re.search(sentence, said(found))
 
 
 def test_what_is_wrong_everywhere_hides_no_poor_motions():

@@ -30,7 +30,7 @@ def test_what_is_predicted_is_what_a_calibration_states(kind, measured):
     found = solve([exact.observed(R, T)], exact.noise, robust=False)
     assert_allclose(found.rotation, model.R_sensor, atol=1e-6)
     sd = np.sqrt(np.diag(found.covariance))
-    by_bends = found.model()[0].by_bends(found.error_sizes.mean_v)[:6, :6]
+    by_bends = found.model().by_bends(found.error_sizes.mean_v)[:6, :6]
     assert (np.diag(by_bends) > 0).all()
     off = predict(exact, R, T).covariance + by_bends - found.covariance
     assert np.abs(off / np.outer(sd, sd)).max() < 1e-4
