@@ -97,28 +97,25 @@ def test_what_is_unknown_is_null_and_a_delay_at_rest_is_none():
     assert abs(printed["delay_ms"] - 30) < 5 * printed["delay_sd_ms"]
 
 
-NOTHING = {  # by what there is of each measurement
-    "zeros": np.zeros_like,
-    "a hole": lambda rows: rows * [1, np.nan],
-}
+UNSEEN = (
+    r"0 of 250 poses show the target \(edge\); expected 3 or more; "
+    "250 poses left out, no point: g1p1"
+)
+RAW = {"measured": "profiles", "groups": 9, "positions": 2}
 
 
-@pytest.mark.parametrize("blank", NOTHING)
-def test_a_scan_that_shows_nothing_is_refused(blank):
-    blind = with_values(scan_of("edge", seed=1), NOTHING[blank])
-    sentence = (
-        r"0 of 250 poses show the target \(edge\); expected 3 or more; "
-        "250 poses left out, no point: g1p1"
-    )
+@pytest.mark.parametrize(
+    ("entries", "change", "sentence"),
+    [
+        ({}, np.zeros_like, UNSEEN),
+        ({}, lambda rows: rows * [1, np.nan], UNSEEN),
+        (RAW, lambda rows: rows[:, ::-1], "are their columns swapped"),
+    ],
+)
+def test_a_scan_that_shows_nothing_is_refused(entries, change, sentence):
+    blind = with_values(scan_of("edge", seed=1, **entries), change)
     with pytest.raises(pc.ScanError, match=sentence):
         pc.calibrate(blind)
-
-
-def test_a_scan_that_shows_nothing_because_its_columns_are_swapped_says_so():
-    scan = scan_of("edge", seed=1, measured="profiles", groups=9, positions=2)
-    swapped = with_values(scan, lambda rows: rows[:, ::-1])
-    with pytest.raises(pc.ScanError, match="are their columns swapped"):
-        pc.calibrate(swapped)
 
 
 def noted_roughly(scan):
