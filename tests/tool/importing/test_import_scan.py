@@ -467,7 +467,8 @@ SAID = {
     "numbers without titles": (
         tum,
         each(titles="", columns=("0.5",)),
-        "a row is 0.5, 9.125, 89.5; --columns says them\n",
+        "--columns x,2",
+        "no x in columns 1, 2, 3; a row is 0.5, 9.125, 89.5; --columns says them\n",
     ),
     "one column": (tum, "--columns 2,2", "x and z are one column"),
     "four columns": (tum, "--columns _,x,z,_", "expected two"),
