@@ -74,30 +74,30 @@ def test_angles_are_signed_and_turn_with_a_group():
 
 @pytest.mark.parametrize("frame", ["base", "group"])
 def test_a_calibration_is_that_of_the_equations(frame):
-    """With u_b as the page has it: of vectors about their mean, or as they are."""
+    """With u_b as the page has it, of vectors as they are. About their mean, directions
+    are those of the points.
+    """
     scene = scene_of((3,), 0.1, frame=frame)
     both = tables.calibrations(scene, (True, False))
-    for count, pair in zip(tables.ROTATIONS, both, strict=True):
+    for count, (about_mean, found) in zip(tables.ROTATIONS, both, strict=True):
         poses = scene.poses.first(count)
         solution = edge_equations(
             poses.rotations, poses.positions, scene.points[:, :count]
         )
-        for found in pair:
-            assert_allclose(found.R_sensor, solution.R_sensor, atol=1e-9)
+        for either in (about_mean, found):
+            assert_allclose(either.R_sensor, solution.R_sensor, atol=1e-9)
         assert_allclose(np.cross(found.u_b, solution.u_b), 0, atol=1e-9)
         assert_allclose(found.T_sensor, solution.T_sensor, atol=1e-6)
         alpha = np.degrees(study.angle_deviations(solution, about_mean=False))
         assert_allclose(np.abs(found.delta_alpha), np.abs(alpha), atol=1e-6)
         assert_allclose(found.delta_d, study.line_distances(solution), atol=1e-6)
-
-
-def test_about_the_mean_a_direction_is_that_of_the_points():
-    scene = scene_of((2,), 0.1)
-    *_, (found,) = tables.calibrations(scene)
-    along = study.principal(found.p_b)
-    assert np.abs(np.vecdot(along, found.directions)) == pytest.approx(1)
-    vectors = (found.p_b[:, :, 1:] - found.p_b[:, :, :1]).reshape(2, -1, 3)
-    assert np.abs(np.vecdot(study.principal(vectors), found.u_b)) == pytest.approx(1)
+        p_b = about_mean.p_b
+        along = np.cross(study.principal(p_b), about_mean.directions)
+        assert_allclose(along, 0, atol=1e-6)
+        vectors = (p_b[:, :, 1:] - p_b[:, :, :1]).reshape(3, -1, 3)
+        assert_allclose(
+            np.cross(study.principal(vectors), about_mean.u_b), 0, atol=1e-6
+        )
 
 
 def test_without_errors_the_tables_are_zero_and_the_radius_is_right():
