@@ -68,17 +68,14 @@ def check_rotations(name: str, values: ArrayLike, count: int) -> ndarray:
     array = check_array(name, values, (count, 3, 3))
     differences = np.abs(array @ array.mT - np.eye(3))
     excess = differences.max(axis=(1, 2), initial=0.0)
-    bad = np.flatnonzero(excess > ORTHONORMAL_TOLERANCE)
-    if bad.size:
+    for k in np.flatnonzero(excess > ORTHONORMAL_TOLERANCE):
         raise ValueError(
-            f"{name}[{bad[0]}] is not orthonormal: R Rᵀ differs from the identity by "
-            f"{excess[bad[0]]:.2g}; expected at most {ORTHONORMAL_TOLERANCE:g}"
+            f"{name}[{k}] is not orthonormal: R Rᵀ differs from the identity by "
+            f"{excess[k]:.2g}; expected at most {ORTHONORMAL_TOLERANCE:g}"
         )
-    bad = np.flatnonzero(np.linalg.det(array) < 0)
-    if bad.size:
+    for k in np.flatnonzero(np.linalg.det(array) < 0):
         raise ValueError(
-            f"{name}[{bad[0]}] is a reflection (determinant -1); "
-            "expected a rotation (+1)"
+            f"{name}[{k}] is a reflection (determinant -1); expected a rotation (+1)"
         )
     return array
 
@@ -96,10 +93,9 @@ def check_rigid(name: str, values: ArrayLike) -> ndarray:
     another shape, a last row that is not 0, 0, 0, 1, and what is no rotation.
     """
     array = check_array(name, values, (None, 4, 4))
-    bad = np.flatnonzero((array[:, 3] != [0, 0, 0, 1]).any(axis=1))
-    if bad.size:
+    for k in np.flatnonzero((array[:, 3] != [0, 0, 0, 1]).any(axis=1)):
         raise ValueError(
-            f"the last row of {name}[{bad[0]}] is {array[bad[0], 3].tolist()}; "
+            f"the last row of {name}[{k}] is {array[k, 3].tolist()}; "
             "expected [0, 0, 0, 1]"
         )
     check_rotations(name, array[:, :3, :3], len(array))

@@ -47,11 +47,12 @@ def fit_ellipse(points: ndarray) -> Ellipse:
     changes the fit, so the points are first given zero mean and unit spread. Repeated
     points give NaN.
     """
-    mean, spread = points.mean(axis=-2), points.std(axis=-2)
+    mean = points.mean(axis=-2, keepdims=True)
+    spread = points.std(axis=-2, keepdims=True)
     with np.errstate(divide="ignore", invalid="ignore"):
-        in_units = (points - mean[..., None, :]) / spread[..., None, :]
-        unit = ellipse_from_moments(moments(in_units[..., 0], in_units[..., 1]))
-    return transformed(unit, spread[..., None] * np.eye(2), mean)
+        x, z = np.moveaxis((points - mean) / spread, -1, 0)
+        unit = ellipse_from_moments(moments(x, z))
+    return transformed(unit, spread * np.eye(2), mean[..., 0, :])
 
 
 # of x and z; their products have the moments of the fourth order and less

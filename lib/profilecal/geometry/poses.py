@@ -116,7 +116,7 @@ def homogeneous(rotation: ndarray, translation: ndarray) -> ndarray:
 def unit(vectors: ndarray) -> ndarray:
     """Vectors (..., k) of length one in the same directions; zero stays zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return vectors / np.where(length, length, 1)
+    return vectors / np.maximum(length, 1e-300)
 
 
 def directions(rng: np.random.Generator, shape: tuple[int, ...]) -> ndarray:
