@@ -59,22 +59,25 @@ def test_a_room_imports_from_other_packages_it_may_and_from_earlier_rooms(path):
             assert ROOMS.index(other) <= ROOMS.index(room), f"{other} is a later room"
 
 
-def loaded_by(statement):
-    """The packages that a fresh interpreter has loaded after a statement."""
-    code = f"import sys; {statement}; print(*{{n.split('.')[0] for n in sys.modules}})"
+LIBRARY = [module_of(path) for path in MODULES if "profilecal/" in path.as_posix()]
+
+
+@pytest.mark.parametrize(
+    ("modules", "heavy"),
+    [
+        (LIBRARY, "pandas matplotlib click tqdm jupyter_client"),
+        (
+            ["profilecal_tool.cli"],
+            "numpy scipy matplotlib pandas jupyter_client papermill dask sympy",
+        ),
+    ],
+    ids=["the library stands on numpy and scipy", "the command line starts at once"],
+)
+def test_modules_load_nothing_heavy(modules, heavy):
+    """In a fresh interpreter."""
+    code = f"import sys, {', '.join(modules)}; print(*sys.modules)"
     run = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
-    return set(run.stdout.split())
-
-
-def test_the_library_stands_on_numpy_and_scipy_alone():
-    modules = [module_of(path) for path in MODULES if "profilecal/" in path.as_posix()]
-    loaded = loaded_by("import " + ", ".join(modules))
-    assert not loaded & {"pandas", "matplotlib", "click", "tqdm", "jupyter_client"}
-
-
-def test_the_command_line_starts_without_heavy_imports():
-    heavy = {"numpy", "scipy", "matplotlib", "pandas", "jupyter_client"}
-    heavy |= {"papermill", "dask", "sympy"}
-    assert not heavy & loaded_by("import profilecal_tool.cli")
+    loaded = {name.split(".")[0] for name in run.stdout.split()}
+    assert not loaded & set(heavy.split())
