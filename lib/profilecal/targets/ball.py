@@ -7,7 +7,7 @@ from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from profilecal.geometry.fitting import fit_sphere
-from profilecal.geometry.poses import circle_around, root
+from profilecal.geometry.poses import circle_around, dot, root
 from profilecal.profiles.arcs import find_balls
 from profilecal.targets.plane import Round
 from profilecal.targets.target import (
@@ -62,9 +62,9 @@ class Ball(Round):
     @staticmethod
     def residual_in_space(sight: Sight) -> Linearised:
         """Distance from the ball."""
-        vx, vy, vz = sight.offset
-        distance = np.sqrt(vx**2 + vz**2 + vy**2)
-        force = [-c / distance for c in sight.offset]
+        v = sight.offset
+        distance = np.sqrt(dot(v, v))
+        force = [-c / distance for c in v]
         return [distance - sight.sizes[0]], [force], None
 
     @staticmethod
