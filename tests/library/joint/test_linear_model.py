@@ -26,14 +26,23 @@ from profilecal.joint.restricted_likelihood import gradient
 from profilecal.simulation.scene import random_scene
 from profilecal.targets.observations import PoseGroups
 
-# Six poses of three orientations
-POSE = np.array([0, 0, 1, 2, 3, 4, 5, 5, 2])
-GROUPS = PoseGroups(POSE, np.array([0, 0, 0, 1, 2, 2]), POSE)
 PROFILES = np.arange(9)
 # variances of the scanner and the robot, mm² and degrees²
 V = np.array([1.3, 0.4, 0.9, 0.7, 0.5, 0.3, 0.2])
 N = 4
 JITTER = "jitter_ms"
+
+
+def random_groups(profiles, poses, rng):
+    """Profiles in poses and poses in four orientations, some of them alone."""
+    pose = np.unique(rng.integers(0, poses, profiles), return_inverse=True)[1]
+    labels = rng.integers(0, 4, pose.max() + 1)
+    orientation = np.unique(labels, return_inverse=True)[1]
+    return PoseGroups(pose, orientation, orientation[pose])
+
+
+# poses of one, two and three profiles, an orientation of two poses
+GROUPS = random_groups(len(PROFILES), 8, default_rng(6))
 
 
 @dataclass(frozen=True)
@@ -137,14 +146,6 @@ def test_bends_add_what_they_do_to_a_mean_that_ignores_them(kept):
     moves = [textbook(r + bend, A, C, dense.precision)[0] - without for bend in bends.T]
     found = dense.model.keeping(np.isin(PROFILES, kept)).by_bends(v)
     assert_allclose(found, v[-1] * np.transpose(moves) @ moves, rtol=1e-8)
-
-
-def random_groups(profiles, poses, rng):
-    """Profiles in poses and poses in four orientations, some of them alone."""
-    pose = np.unique(rng.integers(0, poses, profiles), return_inverse=True)[1]
-    labels = rng.integers(0, 4, pose.max() + 1)
-    orientation = np.unique(labels, return_inverse=True)[1]
-    return PoseGroups(pose, orientation, orientation[pose])
 
 
 @pytest.mark.parametrize("poses", [8, 30, 300], ids=["crowded", "mixed", "alone"])
