@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
-from operator import attrgetter
 from textwrap import shorten
 
 import numpy as np
@@ -20,8 +18,6 @@ from profilecal.targets.observations import Observations
 LEAST_POSES = 3  # from which a target's place is found
 # mm of noise at least: points exactly on a line have no scatter to tell theirs by
 LEAST_NOISE_MM = 1e-4
-# what scans have in common that may be parts of one
-LIKE = attrgetter("kind", "sizes", "measured", "log")
 
 
 @dataclass(frozen=True)
@@ -79,9 +75,11 @@ def from_profiles(scan: Scan, others: Sequence[Scan]) -> Seen:
     """
     features = scan.target.find(scan.values, *scan.sizes)
     if len(features) < FEW:
-        like = [one for one in others if one is not scan and LIKE(one) == LIKE(scan)]
-        values = chain(scan.values, *(one.values for one in like))
-        beside = scan.target.find([*values], *scan.sizes)[: len(features)]
+        about = scan.measured, scan.description
+        rest = [one for one in others if one is not scan]
+        like = [one for one in rest if (one.measured, one.description) == about]
+        values = [rows for one in (scan, *like) for rows in one.values]
+        beside = scan.target.find(values, *scan.sizes)[: len(features)]
         features = max(
             features, beside, key=lambda each: sum(one.found for one in each)
         )
