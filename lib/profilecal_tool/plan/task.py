@@ -37,28 +37,19 @@ class Task:
     entries: Entries
     motion: Motion | None
 
-    @property
-    def count_given(self) -> bool:
-        """Whether so many poses or lines are asked for, not as many as it takes."""
-        limits = self.model.limits
-        return bool(limits.poses or (self.motion and not limits.until))
-
     def plan(self) -> Plan:
         """The poses that serve best; in motion, lines through poses. Raises
         ScanError.
         """
-        model, rng, motion = self.model, self.rng, self.motion
-        if motion:
-            counts = LINES
-            if self.count_given:
-                counts = [model.limits.poses or (motion.sweeps + 1) // 2]
-            for count in counts:
-                plan = along_lines(design(model, rng, poses=count), motion, rng)
+        model, rng, asked = self.model, self.rng, self.model.limits.poses
+        if self.motion:
+            for count in [asked] if asked else LINES:
+                plan = along_lines(design(model, rng, poses=count), self.motion, rng)
                 if not plan.falls_short:
                     break
             return plan
         plan = design(model, rng)
-        if plan.falls_short and not self.count_given and model.guess:
+        if plan.falls_short and not asked and model.guess:
             # do only the margins of the guess keep it from what is wanted?
             exact = design(replace(model, guess=None), rng)
             if not exact.falls_short:
@@ -136,6 +127,8 @@ def read_task(
     limits = spec.plan if place else model.limits
     if poses or until:
         limits = replace(limits, poses=poses or 0, until=until or limits.until)
+    if motion and not (limits.poses or limits.until):
+        limits = replace(limits, poses=(motion.sweeps + 1) // 2)
     return Task(replace(model, limits=limits), rng, source, stated, entries, motion)
 
 

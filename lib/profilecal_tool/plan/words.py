@@ -9,9 +9,9 @@ from profilecal_tool.plan.scan_model import DRAWS, Prediction
 from profilecal_tool.words import deviations
 
 
-def plan_lines(plan: Plan, as_asked: object) -> list[str]:
-    """A plan in lines, after what its prediction counts with; `as_asked`: it was to
-    have these poses, or so many.
+def plan_lines(plan: Plan, given: object) -> list[str]:
+    """A plan in lines, after what its prediction counts with; `given`: the poses that
+    it was to have.
     """
     noise, predicted, count = plan.model.noise, plan.predicted, len(plan.T)
     counted = f"{predicted.poses} poses"
@@ -41,10 +41,10 @@ def plan_lines(plan: Plan, as_asked: object) -> list[str]:
             "ways apart, a wrong mount does not",
         ]
     lines += [f"left out       {why}" for why in plan.left_out]
-    return lines + [f"note           {note}" for note in notes(plan, as_asked)]
+    return lines + [f"note           {note}" for note in notes(plan, given)]
 
 
-def notes(plan: Plan, as_asked: object) -> Iterator[str]:
+def notes(plan: Plan, given: object) -> Iterator[str]:
     """What else there is to say of a plan."""
     count, wished = len(plan.T), "{:g} mm and {:g}°".format(*plan.wanted_sd)
     if plan.unseen:
@@ -64,7 +64,7 @@ def notes(plan: Plan, as_asked: object) -> Iterator[str]:
             "a first step: with a guess as wrong as stated, as many poses as allowed "
             f"do not reach {wished}; a second step, from the answer of these, does"
         )
-    elif as_asked or not plan.falls_short:
+    elif given or plan.model.limits.poses or not plan.falls_short:
         return
     elif plan.speed:
         yield f"{count // 2} sweeps do not give {wished}"
