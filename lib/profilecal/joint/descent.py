@@ -105,10 +105,10 @@ def search(problem: Problem, starts: Sequence = ()) -> State:
     count = few.counts.sum()
     if all(term.target.fit_is_best for term in few.terms):
         # targets can be placed at every step: a coarse grid will do if AGREEING of its
-        # starts end at one pose that fits, after eight steps or sixteen
+        # starts end at one pose that fits, after five steps, ten or fifteen
         state = started(few, START_ROTATIONS, starts)
-        for _ in range(2):
-            fits = onward(few, state, steps=8)
+        for _ in range(3):
+            fits = onward(few, state, steps=5)
             state = fits.state
             agreeing = np.count_nonzero(are_one(state)[0])
             if fits.loss[0] < HOPELESS * count and agreeing >= AGREEING:

@@ -115,8 +115,9 @@ def likeliest(model: LinearModel, law: Law, y: ndarray | None = None) -> Likelie
 
     Curvatures of less than LEAST_CURVATURE are taken for that. No step changes a
     coordinate by more than LONGEST_STEP; steps that lower h are halved. The last step
-    is the first one that promises less than PROMISE of h: h and the curvature are then
-    those before it.
+    is the first one that promises less than PROMISE of h, halved or not: h and the
+    curvature are then those before it. Where the data leave an unknown open, g is less
+    exact than that, and only halved steps end the search.
     """
     if y is None:
         # `free` are numbers of sizes: 0, the scanner's, starts at its scale
@@ -143,12 +144,11 @@ def likeliest(model: LinearModel, law: Law, y: ndarray | None = None) -> Likelie
         step = vectors @ (vectors.T @ uphill / values)
         step *= LONGEST_STEP / np.abs(step).max(initial=LONGEST_STEP)  # or shorter
         step = np.clip(y + step, -FARTHEST_COORDINATE, FARTHEST_COORDINATE) - y
-        if uphill @ step / 2 < PROMISE:
-            y = y + step
-            break
-        while (there := look(y + step))[0] < h:
+        while uphill @ step / 2 >= PROMISE and (there := look(y + step))[0] < h:
             step = step / 2
         y = y + step
+        if uphill @ step / 2 < PROMISE:
+            break
         h, around, posterior = there
     root = vectors / np.sqrt(values) @ vectors.T
     return Likeliest(y, root, posterior, h + np.linalg.slogdet(root)[1])
@@ -255,7 +255,7 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     and the covariance by bends of smooth errors is added.
     """
     law = prior.law(model.names)
-    beliefs = [of_scanners(model, law, likely), *of_robots(model, prior, law, likely)]
+    beliefs = [of_scanners(model, law, likely), *of_robots(model, prior, likely)]
     draws = Weighed.join(*(belief.weighed for belief in beliefs))
     w = softmax(draws.log_weight)
     mean = w @ draws.x
@@ -355,12 +355,10 @@ def of_scanners(model: LinearModel, law: Law, likely: Likeliest) -> Belief:
     return Belief(law, y, weighed)
 
 
-def of_robots(
-    model: LinearModel, prior: Prior, main: Law, likely: Likeliest
-) -> Iterator[Belief]:
-    """What follows by the rivals of the belief in `prior`, whose law is `main` with the
-    likeliest sizes `likely`: that the robot errs smoothly alone, and that it errs as
-    usual where less is stated. Rivals that the data speak against are left out.
+def of_robots(model: LinearModel, prior: Prior, likely: Likeliest) -> Iterator[Belief]:
+    """What follows by the rivals of the belief in `prior`, whose likeliest sizes are
+    `likely`: that the robot errs smoothly alone, and that it errs as usual where less
+    is stated. Rivals that the data speak against are left out.
     """
     if not model.names or prior.robot_known:
         return
@@ -369,9 +367,7 @@ def of_robots(
         rivals.append((model, prior.usual, 1.0))
     for other, belief, odds in rivals:
         law = belief.law(model.names)
-        start = np.zeros(len(law.scales))
-        start[main.free] = likely.y
-        own = likeliest(other, law, start[law.free])
+        own = likeliest(other, law)
         log_odds = np.log(odds) + own.log_evidence - likely.log_evidence
         if log_odds < np.log(LITTLE_ODDS):
             continue

@@ -86,6 +86,16 @@ def test_the_likeliest_sizes_are_those_that_scipy_finds(monkeypatch):
         assert height == pytest.approx(-unlikely(likely.y), abs=within)
 
 
+def test_a_search_ends_by_a_small_step_where_the_data_leave_an_unknown_open():
+    """There the gradient is less exact than such a step."""
+    scan, _ = pc.simulate("edge", 1, groups=1, positions=8, measured="profiles")
+    solution = pc.calibrate(scan).solution
+    model, _ = solution.model()
+    law = solution.prior.law(model.names)
+    likely = likeliest(model, law)
+    assert not np.allclose(likely.posterior.v, law.variances(likely.y[None]))
+
+
 def test_draws_have_the_mean_and_the_sum_of_a_fine_grid():
     """Of one size. The sum is the evidence of the model, which stands beside that of
     others.
@@ -134,9 +144,9 @@ def test_where_less_is_stated_than_is_usual_the_usual_is_as_likely():
     by_small, by_none = (averaged(model, prior).covariance for prior in (small, PRIOR))
     narrower = np.diag(by_small)[:6] / np.diag(by_none)[:6]
     assert gmean(narrower) > 0.9**2
-    law = small.law(model.names)
-    unlikely = replace(likeliest(model, law), log_evidence=-1e4)
-    assert len([*of_robots(model, small, law, unlikely)]) == 2
+    likely = likeliest(model, small.law(model.names))
+    unlikely = replace(likely, log_evidence=-1e4)
+    assert len([*of_robots(model, small, unlikely)]) == 2
 
 
 @pytest.mark.parametrize(("stated", "freedom"), [((), 3), (("position_mm",), 1)])
