@@ -238,9 +238,7 @@ def estimate(
         part = slice(first, first + PROBLEMS)
         taken = [entry.take(part) for entry in observations]
         problem = Problem(taken, noise)
-        fit = refine(
-            problem, start[part], iterations=steps, tolerance=1e-6, damping=1e-9
-        )
+        fit = refine(problem, start[part], iterations=steps, damping=1e-9)
         if not noise.of_robot:
             solved.append((fit.state, fit.normal))
             continue

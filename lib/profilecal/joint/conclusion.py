@@ -11,7 +11,7 @@ from profilecal.geometry.noise import chi2_limit, normalised_square
 from profilecal.geometry.observability import explain, of_covariance, spectrum
 from profilecal.geometry.poses import pose_error
 from profilecal.joint import delay
-from profilecal.joint.descent import ROUGHLY, refine
+from profilecal.joint.descent import refine
 from profilecal.joint.error_sizes import ErrorSizes
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.prior import Prior
@@ -118,7 +118,7 @@ def twin(solution: Solution, candidates: State) -> list[str]:
     for k in np.flatnonzero(errors_if_right(solution, candidates)[1]):
         pairs = zip(problem.observations, solution.kept, strict=True)
         kept = problem.of(seen.keep(own) for seen, own in pairs)
-        other = refine(kept, candidates[[k]], tolerance=ROUGHLY).state
+        other = refine(kept, candidates[[k]]).state
         # the model there, as if the other sensor pose were the solution
         there = replace(solution, state=other).model()
         posterior = there.posterior(solution.error_sizes.median_v[None])

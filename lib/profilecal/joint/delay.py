@@ -27,7 +27,7 @@ from profilecal.geometry.observability import (
     of_covariance,
     size_direction,
 )
-from profilecal.joint.descent import ROUGHLY, refine, search, thin
+from profilecal.joint.descent import refine, search, thin
 from profilecal.joint.problem import Problem
 from profilecal.joint.solution import Solution
 from profilecal.targets.observations import State
@@ -49,7 +49,7 @@ def roughly(problem: Problem, starts: Sequence = ()) -> float:
     for delay in TRIED:
         later = few.later(delay)
         state = search(later, starts)
-        fit = refine(later, state, iterations=20, tolerance=ROUGHLY).best_first
+        fit = refine(later, state, iterations=20).best_first
         fits.append(fit.state[[0]])
         units.append(later.typical(fit)[0])
     scale = min(units)
@@ -57,7 +57,7 @@ def roughly(problem: Problem, starts: Sequence = ()) -> float:
     def loss(delay: float, state: State) -> float:
         later = few.later(delay)
         unit = np.full(1, scale)
-        fit = refine(later, state, scale=unit, iterations=20, tolerance=ROUGHLY)
+        fit = refine(later, state, scale=unit, iterations=20)
         return fit.loss[0] / scale**2 + (delay / DELAY_S) ** 2
 
     best = np.argmin(list(map(loss, TRIED, fits)))

@@ -14,7 +14,6 @@ from profilecal.joint.problem import Fit, Problem, reach
 from profilecal.targets.observations import Observations, State
 
 POSES = 40  # that the search looks at
-ROUGHLY = 1e-6  # tolerance of refinements
 # 60 rotations: any rotation is within 45° of one of them
 GRID = Rotation.create_group("I").as_matrix()
 START_ROTATIONS = Rotation.create_group("T").as_matrix()  # 12
@@ -34,7 +33,7 @@ def refine(
     *,
     scale: ndarray | None = None,
     iterations: int = 60,
-    tolerance: float = 1e-10,
+    tolerance: float = 1e-6,
     damping: float = 1e-4,
     anew: bool = False,
 ) -> Fit:
@@ -171,7 +170,7 @@ def reweighted(problem: Problem, state: State, rounds: int) -> Fit:
     fits = problem.moments(state)
     for _ in range(rounds):
         unit = problem.typical(fits)
-        fits = refine(problem, fits.state, scale=unit, iterations=8, tolerance=ROUGHLY)
+        fits = refine(problem, fits.state, scale=unit, iterations=8)
     return fits[np.argsort(problem.typical(fits), kind="stable")]
 
 

@@ -9,7 +9,6 @@ from profilecal.geometry.noise import FALSE_ALARM, Noise, chi2_limit
 from profilecal.geometry.observability import spectrum
 from profilecal.joint.descent import (
     HOPELESS,
-    ROUGHLY,
     distinct,
     refine,
     reweighted,
@@ -25,9 +24,9 @@ def least_squares(problem: Problem, state: State) -> Fit:
     """Fits by least squares, best first. After five steps, doubles and fits that are
     far from any answer are dropped; the others go on to the end.
     """
-    fits = refine(problem, state, iterations=5, tolerance=ROUGHLY).best_first
+    fits = refine(problem, state, iterations=5).best_first
     good = distinct(fits.state[fits.loss <= HOPELESS * fits.loss[0]])
-    return refine(problem, good, tolerance=ROUGHLY).best_first
+    return refine(problem, good).best_first
 
 
 def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
@@ -79,7 +78,7 @@ def robust_fit(problem: Problem, state: State) -> Fit:
     """
     fits = reweighted(problem, state, rounds=4)[:3]
     scale = np.full_like(fits.loss, problem.typical(fits).min())
-    return refine(problem, fits.state, scale=scale, tolerance=ROUGHLY).best_first
+    return refine(problem, fits.state, scale=scale).best_first
 
 
 def is_beyond_robots(problem: Problem, fits: Fit, scale: float) -> bool:
@@ -105,5 +104,6 @@ def typical_mm(problem: Problem, fits: Fit) -> float:
     """How large the residuals of most poses are in the best fit; in mm, as the noise of
     points need not be the same in all directions.
     """
-    there = problem.of_equal_points.moments(fits.state[[0]])
+    equal = problem.of_equal_points
+    there = fits if equal is problem else equal.moments(fits.state[[0]])
     return float(problem.typical(there)[0] * problem.noise.profile_mm)

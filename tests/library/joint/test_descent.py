@@ -78,6 +78,6 @@ def test_noise_free_from_no_guess_at_all(kind):
     scene = many(kind, 30, 7)
     for i in range(30):
         problem = Problem([scene.observations.take([i])], Noise(SIGMA))
-        fits = refine(problem, search(problem))
+        fits = refine(problem, search(problem), tolerance=1e-10)
         best = fits.state[[np.argmin(fits.loss)]]
         assert_allclose(DEGREES * errors(best, scene.truth[[i]]), 0, atol=1e-9)

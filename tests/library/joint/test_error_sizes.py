@@ -90,7 +90,7 @@ def test_a_search_ends_by_a_small_step_where_the_data_leave_an_unknown_open():
     """There the gradient is less exact than such a step."""
     scan, _ = pc.simulate("edge", 1, groups=1, positions=8, measured="profiles")
     solution = pc.calibrate(scan).solution
-    model, _ = solution.model()
+    model = solution.model()
     law = solution.prior.law(model.names)
     likely = likeliest(model, law)
     assert not np.allclose(likely.posterior.v, law.variances(likely.y[None]))
