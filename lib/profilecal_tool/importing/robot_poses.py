@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy import ndarray
-from pandas import DataFrame, concat
+from pandas import DataFrame, concat, to_numeric
 
 from profilecal.scan.conventions import named
 from profilecal.scan.folder import check_poses
@@ -26,6 +26,7 @@ from profilecal_tool.importing.blocks import (
 from profilecal_tool.importing.makers import (
     ANGLE_UNITS,
     LENGTH_UNITS,
+    OF_POSES,
     ROBOTS,
     WORDS,
     XYZ,
@@ -40,6 +41,8 @@ NEAR_MM = 200.0  # few flanges stay so near: it may be cm or inches
 HINT = "--pose-columns says it; w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector; "
 HINT += "alpha,beta,gamma: Stäubli; o,a,t; qw,qx,qy,qz"
 FANUC = named("FANUC angles").columns
+OF_ABB = named("quaternion").columns
+OF_LIBRARIES = ("qx", "qy", "qz", "qw")
 
 
 def poses_in(blocks: Iterable[Block], said: str) -> list[Part]:
@@ -111,18 +114,24 @@ def check_whose(poses: Part, entry: str) -> None:
 
 
 def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
-    """Why there are no poses in a file. Six numbers without titles are likely x, y, z,
-    W, P, R.
+    """Why there are no poses in a file. Behind a position, or three numbers, three are
+    likely W, P, R, and four of unit length a quaternion.
     """
     if not blocks or any(block.having("joint") for block in blocks):
         hint = "joint angles are none: export Cartesian poses"
         return ScanError(f"{path}: no poses; {hint}")
     block = max(blocks, key=lambda block: len(block.columns))
-    places, angles = block.columns[:3], block.columns[3:]
-    likely = {}
-    if block.is_bare and len(angles) == 3:
-        unit = likely_angle(block.numbers(angles))
-        likely = likely_columns(places, XYZ, "") | likely_columns(angles, FANUC, unit)
+    numeric = block.table.apply(to_numeric, errors="coerce").dropna(axis=1, how="all")
+    posed = [c for c in block.columns if c.at in numeric and c.role in {"", *OF_POSES}]
+    places, turn = posed[:3], posed[3:]
+    numbers = numeric[[column.at for column in turn]].to_numpy()
+    roles, unit, likely = (), "", {}
+    if len(turn) == 3:
+        roles, unit = FANUC, likely_angle(numbers)
+    elif len(turn) == 4 and np.allclose(np.linalg.norm(numbers, axis=1), 1, atol=0.01):
+        roles = OF_ABB if turn[0].name == "q1" else OF_LIBRARIES
+    if roles and [c.role for c in places] in ([*XYZ], 3 * [""]):
+        likely = likely_columns(places, XYZ, "") | likely_columns(turn, roles, unit)
     sentence = f"no pose in {said}" if said else "what are they?"
     return question_on_columns(block, sentence, likely)
 
@@ -150,7 +159,7 @@ def question_on_columns(
 
 
 def length_of(poses: Part) -> tuple[float, str]:
-    """The unit of positions, mm, and its name. Raises ScanError where it may be cm or
+    """The unit of positions, mm, and its name. Raises Question where it may be cm or
     inches.
     """
     units = poses.units(XYZ)
@@ -159,8 +168,9 @@ def length_of(poses: Part) -> tuple[float, str]:
     if poses.robot:
         usual = ROBOTS[poses.robot].unit
     elif not units and FARTHEST_M <= farthest < NEAR_MM:
-        doubt = f"positions up to {farthest:.4g}; x [cm], x [in] or x [mm]?"
-        raise question_on_columns(poses, doubt, {})
+        doubt = f"positions up to {farthest:.4g}; cm, in or mm?"
+        places = [poses.chosen[axis] for axis in XYZ]
+        raise question_on_columns(poses, doubt, likely_columns(places, XYZ, "cm"))
     return scale_of(poses.path, units, usual, LENGTH_UNITS)
 
 

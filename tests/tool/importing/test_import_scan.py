@@ -173,6 +173,12 @@ FOLDERS |= {
         listed("x,y,z,a,b,c,w,p,r", columns=[*range(6), 3, 4, 5]),
         "KUKA angles or FANUC angles",
     ),
+    "in cm": (listed("x,y,z,a,b,c", scale=0.1), "up to 101.7; cm, in or mm"),
+    "roll, pitch, yaw": (of_angles("x,y,z,r,p,y"), "what are they"),
+    "quaternions": (
+        listed("x,y,z,q1,q2,q3,q4", convention="quaternion"),
+        "what are they",
+    ),
     "of tcp": (listed("x_tcp,y_tcp,z_tcp,a_tcp,b_tcp,c_tcp"), "poses of tcp"),
     "radians in a program": (xarm_in_radians, "rad or deg"),
     "no titles": (of_angles("", scale=0.001, angle=np.pi / 180), "what are they"),
@@ -446,7 +452,6 @@ SAID = {
         "--x 0 2",
         "z.csv line 7: column 1 is 'oops'",
     ),
-    "in cm": (listed("x,y,z,a,b,c", scale=0.1), "up to 101.7; x [cm], x [in]"),
     "rows": (tum, "--where y=0", "no rows where y=0; the columns are … x, z"),
     "no rows": (tum, "--where x=999", "no profiles in rows where x=999"),
     "too few": (tum, "--pose-columns x,y", "no pose in x,y"),
@@ -459,10 +464,6 @@ SAID = {
     "two positions": (
         listed("x,y,z,tx,ty,tz,a,b,c", columns=[0, 1, 2, *range(6)]),
         "which of those called alike? (…qz)\n",
-    ),
-    "roll, pitch, yaw": (
-        listed("x,y,z,r,p,y"),
-        "x, y, z, r, p, y; what are they? (…qz)\n",
     ),
     "numbers without titles": (
         tum,
