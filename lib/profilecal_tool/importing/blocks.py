@@ -187,7 +187,8 @@ def columns_titled(table: DataFrame, titles: list[str]) -> list[Column]:
         tcp_x [m], Speed       x of tcp, in m; Speed is not known
         tcp_pos_1 … tcp_pos_3  x, y, z of tcp
         z_1 … z_200            z: a row is a profile
-        200 without titles     z, but for a first one that counts rows, nth
+        200 without titles     z, but for a first one that counts rows, nth,
+                               or of words, a label
     """
     columns = dict(zip(table, map(column_titled, table, titles), strict=True))
     for name, numbered in lists_among(columns.values()).items():
@@ -195,8 +196,8 @@ def columns_titled(table: DataFrame, titles: list[str]) -> list[Column]:
         axis = column_titled(0, name).role if name else "z"
         if is_long and axis in XYZ:
             roles, owner = [axis] * len(numbered), name
-            if not name and is_count([*table[numbered[0].at]]):
-                roles[0] = "nth"
+            if not name:
+                roles[0] = role_before_heights([*table[numbered[0].at]])
         elif name or titles == counted(len(titles)):
             cells = table[[column.at for column in numbered]]
             roles, owner = roles_of_list(cells, name)
@@ -249,10 +250,15 @@ def has_constants(cells: DataFrame, roles: list[str]) -> bool:
     return (found == [*expected.values()]).all(axis=None)
 
 
-def is_count(cells: list) -> bool:
-    """Whether the cells of a column count its rows, from 0 or 1."""
+def role_before_heights(cells: list) -> str:
+    """The role of a first column: of numbers that count the rows, from 0 or 1, nth; of
+    words, a label; or else of heights.
+    """
     rows = len(cells)
-    return rows > 1 and cells in ([*range(rows)], [*range(1, rows + 1)])
+    if rows > 1 and cells in ([*range(rows)], [*range(1, rows + 1)]):
+        return "nth"
+    are_words = all(isinstance(cell, str) and cell[:1].isalpha() for cell in cells)
+    return "label" if are_words else "z"
 
 
 def is_of_other(name: str) -> bool:

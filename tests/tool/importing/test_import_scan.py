@@ -364,12 +364,14 @@ TOOL_OF_ABB = (
 ON_TOOL_3 = edited("CALIB.LS", "UT : 0", "UT : 3", 12)
 
 
-def heights(between, head=""):
-    """In rows behind their numbers, below what is said of them."""
+def heights(between, head="", label=""):
+    """In rows behind their numbers or labels, below what is said of them."""
 
     def write(folder):
         rows = np.array(scan().values)[..., 1]
-        lines = [f"{k}{between}{text(row, between)}" for k, row in enumerate(rows)]
+        lines = [
+            f"{label}{k}{between}{text(row, between)}" for k, row in enumerate(rows)
+        ]
         content = "\n".join([head, *lines])
         content = content if between == "," else content.replace(".", ",")
         (folder / "z.csv").write_text(content)
@@ -440,10 +442,10 @@ SAID = {
         "--x 0 2",
         "X 0.0 to 38.0, Z 85.5 to 138.9 mm",
     ),
-    "heights below settings": (
-        tum,
-        heights(";", "X start [mm];0\nX pitch [mm];2,0"),
-        "X 0.0 to 38.0, Z 85.5 to 138.9 mm",
+    "heights behind names": (
+        upwards(GERMAN.format("Messung"), BY_XP),
+        heights(";", "X start [mm];0\nX pitch [mm];2,0", "XP"),
+        "X 0.0 to 38.0, Z 85.5 to 138.9 mm… by Messung and the names",
     ),
     "a word in heights": (
         tum,
