@@ -73,12 +73,11 @@ def write_table(path, titles, rows, between=","):
 # The poses
 
 
-def program(name, lines, convention, scale=1.0, angle=1.0, head="", foot=""):
+def program(name, lines, convention, head="", foot=""):
     """Lines for each pose, with its number and numbers."""
 
     def write(folder):
-        rows = poses(convention, scale)
-        rows[:, 3:] *= angle
+        rows = poses(convention)
         texts = [lines.format(*row, k=k) for k, row in enumerate(rows)]
         write_lines(folder / name, [head, *texts, foot])
 
@@ -244,18 +243,11 @@ def workbook(folder):
     rows.to_excel(folder / "poses.xlsx", startrow=1, index_label="Nr")
 
 
-def beside(**poses_of):
-    """The poses that functions give, beside each other under names."""
-
-    def write(folder):
-        table = {
-            name: [dict(zip("xyzabc", row, strict=True)) for row in own("KUKA angles")]
-            for name, own in poses_of.items()
-        }
-        rows = DataFrame(table).to_dict("records")
-        (folder / "poses.json").write_text(json.dumps(rows))
-
-    return write
+def of_flange_and_tool(folder):
+    """Beside each other."""
+    rows = [own("KUKA angles") for own in (poses_of_tool, poses)]
+    titles = [f"{name}_{axis}" for name in ("tcp", "flange") for axis in "xyzabc"]
+    write_table(folder / "poses.csv", ",".join(titles), np.hstack(rows))
 
 
 # in front of positions, whose angles name no owner
@@ -308,7 +300,7 @@ def each(
     encoding="utf-8",
     begin=0,
 ):
-    """A table for each profile, with further columns for every point, or none."""
+    """A table for each profile, with each of further columns for every point."""
 
     def write(folder):
         for k, points in enumerate(scan().values, begin):
@@ -412,7 +404,7 @@ POSES = {
     "with speeds": with_speeds,
     "TUM": tum,
     "4 x 4 below one another": stacked_matrices,
-    "of flange and tool": beside(tcp=poses_of_tool, flange=poses),
+    "of flange and tool": of_flange_and_tool,
     "matrices by columns": by_columns,
     "named arrays": named_arrays,
     "MATLAB": matlab,

@@ -237,7 +237,7 @@ def roles_of_list(cells: DataFrame, name: str) -> tuple[list[str], str]:
         owners["bare"] = name
     if cells.select_dtypes("number").shape == cells.shape:
         for word, owner in owners.items():
-            for roles in ROLES_OF_LIST[word, count]:
+            for roles in ROLES_OF_LIST.get((word, count), ()):
                 if has_constants(cells, roles):
                     return roles, owner
     return [], name

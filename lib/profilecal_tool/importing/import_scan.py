@@ -54,6 +54,8 @@ def import_scan(
     poses, profiles, every = read_folder(folder, layout, taken)
     program = lines_of_program(every, poses.robot)
     poses, tool = of_one_tool(poses, program, layout, taken)
+    if poses.table.empty:
+        raise ScanError(f"{poses.path}: no poses where {layout.where}")
     moves = [row.get("name") for row in program["uses"]]
     pairing = pair_profiles(poses, [*profiles.index], moves, layout)
     taken["matched"] = pairing.how
@@ -118,6 +120,8 @@ def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
     what they declare as programs, such as tools. Raises ScanError.
     """
     said = [pattern for pattern in (layout.poses, layout.profiles) if pattern]
+    # a file of both patterns is of the one that has fewer
+    said.sort(key=lambda name: -len(files_matching(folder, name)))
     paths = {path: name for name in said for path in files_matching(folder, name)}
     for path in sorted_files(folder, "**/*"):
         if path not in paths and is_readable(path):
@@ -133,10 +137,11 @@ def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
             if not is_beside:
                 raise
             every = []
-        own = [block for block in every if block.robot or not is_beside]
-        wanted = [with_rows_wanted(block, layout) for block in own]
-        blocks = [with_a_point_a_row(block, layout) for block in wanted]
-        families.setdefault(name, {})[path] = blocks
+        blocks = families.setdefault(name, {})[path] = []
+        for block in every:
+            if block.robot or not is_beside:
+                wanted = with_rows_wanted(block, layout)
+                blocks.append(with_a_point_a_row(wanted, layout))
     return families
 
 
@@ -157,6 +162,8 @@ def sorted_files(folder: Path, pattern: str) -> list[Path]:
 
 def with_rows_wanted(block: Block, layout: Layout) -> Block:
     """A block with the rows that are wanted, if it has the column."""
+    if block.kind != "pose":
+        return block  # what moves use says which poses are not wanted
     name, value = layout.wanted
     for column in block.others:
         if name in (column.name, column.role) and value not in ("", "*"):
@@ -226,15 +233,20 @@ def check_entry(
 def check_one_profile_a_pose(
     folder: Path, rows: ndarray, names: list[str], layout: Layout
 ) -> None:
-    """Raise Question where several profiles are of one pose, and no one said which."""
+    """Raise Question where several profiles are of one pose, and no one said which;
+    ScanError where their names are labels in one file, of which no pattern tells some.
+    """
     again = np.flatnonzero(rows[1:] == rows[:-1])
     if len(again) and not layout.profiles:
         one, other, *_ = names[again[0] :]
-        words = re.findall(r"[a-zA-Z]*\d+", one)
+        words = re.findall(r"[a-zA-Z]+\d*|\d+", one)
         part = next((word for word in words if word not in other), one)
+        sentence = f"{folder}: {one} and {other} are of one pose"
+        if not sorted_files(folder, f"*{part}*"):
+            raise ScanError(f"{sentence}; leave one out")
         every = re.sub(r"\d+", "*", f"{one}.*")
-        sentence = f"{one} and {other} are of one pose; which of them? (all: '{every}')"
-        raise Question(f"{folder}: {sentence}", profiles=f"*{part}*")
+        hint = f"which of them? (all: '{every}')"
+        raise Question(f"{sentence}; {hint}", profiles=f"*{part}*")
 
 
 def in_sweeps(folder: Path, entries: Entries, both: Times) -> Entries:

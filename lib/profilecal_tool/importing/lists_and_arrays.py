@@ -60,7 +60,7 @@ def blocks_within(path: Path, node: Any, name: str = "") -> Iterator[Block]:
     table = json_normalize(rows, sep="_")
     arrays = {}
     for title, cells in table.items():
-        inner = cells.explode()
+        inner = cells.explode().dropna()  # a sample may have nothing: []
         if all(isinstance(cell, dict) for cell in inner):
             if len(table) > 1:
                 inner = [{"nth": k} | row for k, row in inner.items()]
@@ -83,7 +83,12 @@ def array_of_cells(title: str, cells: Series) -> ndarray:
         array = np.array([*zip_longest(*lists, fillvalue=nothing)]).swapaxes(0, 1)
     except (TypeError, ValueError):
         return cells.astype(str).to_numpy()
-    if array.ndim == 2 and title in WORDS["whole_profile"]:
+    if array.ndim == 2 and title in WORDS["whole_profile"]:  # x, y, z, x, …
+        count = array.shape[1]
+        if count % 3:
+            raise ValueError(
+                f"{count} numbers of {title} are no x, y, z; heights: z_1…"
+            )
         array = array.reshape(len(cells), -1, 3)
     return array
 
@@ -157,8 +162,7 @@ def columns_of(name: str, array: ndarray) -> Arrays:
     if array.ndim == 3 and array.shape[1:] not in SHAPES_OF_POSES:
         if array.shape[1] in (2, 3):
             array = array.swapaxes(1, 2)
-        nth = np.arange(len(array), dtype="i4")
-        columns["nth"] = nth.repeat(array.shape[1])
+        columns["nth"] = np.arange(len(array), dtype="i4").repeat(array.shape[1])
         name, array = f"{name}_points", array.reshape(-1, array.shape[2])
     if array.ndim == 1:
         return {name: array}

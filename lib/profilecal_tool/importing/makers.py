@@ -4,7 +4,6 @@ import tomllib
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from math import log
 from pathlib import Path
 from typing import Any
 
@@ -70,12 +69,6 @@ def scale_of(
             f"expected one of {listed(filter(str.isascii, among))}"
         )
     return among[unit], unit
-
-
-def likely_unit(largest: float, likely_mm: float) -> str:
-    """The unit in which the largest of some lengths is most likely."""
-    times = likely_mm / largest
-    return min(LENGTH_UNITS, key=lambda unit: abs(log(LENGTH_UNITS[unit] / times)))
 
 
 def conventions_in(roles: Iterable[str]) -> list[Convention]:

@@ -58,8 +58,7 @@ def pair_profiles(
     if not found:
         times = times_of(poses, names, layout)
         by_time = paired_by_time(poses, times) if times else None
-        are_said = layout.times is not None
-        found = by_time or paired_in_order(poses, driven, names, times, are_said)
+        found = by_time or paired_in_order(poses, driven, names, layout)
     if found.times:
         return found
     lost = [names[k] for k in np.flatnonzero(found.rows < 0)]
@@ -74,21 +73,17 @@ def paired_in_order(
     poses: Part,
     driven: list[int],
     names: list[str],
-    times: Times | None,
-    are_said: bool,
+    layout: Layout,
 ) -> Pairing:
     """The poses as moves come to them, or as they are listed. Raises ScanError where
     there are not as many profiles, where times are said, which then no pose has, or
     where numbers of poses say another order.
     """
     rows = np.array(driven or range(len(poses.table)))
-    if are_said or len(names) != len(rows):
+    if layout.times or len(names) != len(rows):
         counts = f"{len(names)} profiles for {len(rows)} poses"
         sentence = f"{counts}, and no label or time that both have; add a column"
         hint = "or say which files: --profiles, or when they were taken: --times"
-        if times:
-            begin = f"the log begins at {times.log.min():.12g} s"
-            hint += f" ({begin}, the profiles at {times.profiles.min():.12g})"
         raise ScanError(f"{poses.path}: {sentence}, {hint}")
     for column in poses.having("label"):
         numbers = to_numeric(poses.table[column.at], errors="coerce").dropna()
@@ -162,9 +157,11 @@ def ways_to_compare(
         shift = (0 in wanted) - (0 in last)  # 1: profiles count from 0, poses from 1
         shifted = [one + shift for one in wanted]
         what = f"number {k} in the names"
-        if {*shifted} <= {*last} and not {*wanted} <= {*last}:
-            what, wanted = f"{what}, from 0 and from 1", shifted
-        yield False, what, last, wanted
+        fits = {*wanted} <= {*last}
+        if fits or not {*shifted} <= {*last}:
+            yield False, what, last, wanted
+        if shift and not fits:
+            yield False, f"{what}, from 0 and from 1", last, shifted
 
 
 def stem_of(text: str) -> str:

@@ -29,7 +29,7 @@ def expression_of(line: str) -> re.Pattern:
             parts.append(f"(?P<{name}>{cell})")
         elif token.isspace():
             parts.append(r"[ \t]+")
-        elif token.isalnum():
+        elif token[0].isalnum():
             parts.append(token)
         else:
             parts.append(SIGNS.get(token) or rf"\s*{re.escape(token)}\s*")

@@ -134,6 +134,5 @@ def options(answers: Mapping[str, Any]) -> list[str]:
     """Options of the command."""
     words = []
     for name, value in answers.items():
-        values = value if isinstance(value, (tuple, list)) else [value]
-        words += [f"--{name.replace('_', '-')}", *map(str, values)]
+        words += [f"--{name.replace('_', '-')}", *map(str, np.atleast_1d(value))]
     return words

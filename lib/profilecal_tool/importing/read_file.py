@@ -138,22 +138,23 @@ def cells_of(lines: Iterable[bytes], between: bytes | None) -> list[list[str]]:
 
 def row_where_numbers_begin(rows: list[list[str]], decimal: str) -> int | None:
     """The first row of numbers; None if there is none. It has two numbers, or one and
-    no word, and no word of it stands above a number. A row of nothing but NaN just
-    above belongs to it.
+    no word; and no word of it stands above a number, if it is not below titles, where
+    it is a label. A row of nothing but NaN just above belongs to it.
     """
     # NaN for nothing, infinity for a word
     values = [[cell_number(c.replace(decimal, ".")) for c in row] for row in rows]
-    begin = None
+    blanks_from = None
     for k, row in enumerate(values):
         words, numbers = np.isinf(row), np.isfinite(row)
         is_title = k + 1 < len(values) and (words & np.isfinite(values[k + 1])).any()
+        is_title &= not (k and np.isinf(values[k - 1]).all())  # titles stand above it
         if not is_title and numbers.sum() > words.any():
-            return k if begin is None else begin
+            return k if blanks_from is None else blanks_from
         if words.any() or not any(rows[k]):
-            begin = None
-        elif begin is None:
-            begin = k
-    return begin
+            blanks_from = None
+        elif blanks_from is None:
+            blanks_from = k
+    return blanks_from
 
 
 def titles_in(rows: list[list[str]]) -> list[str]:
@@ -192,11 +193,13 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
             found = f"{count} fields; expected {len(above)}, as above"
             raise ScanError(f"{path} line {begin + 1}: {found}")
         titles = titles or counted(count)
+        named = map(column_titled, range(count), titles)
+        labels = [column.at for column in named if column.role == "label"]
         stream.seek(offset)
         table = read_csv(
             stream,
             names=range(count),
-            dtype=dict.fromkeys(labels_in(titles), str),
+            dtype=dict.fromkeys(labels, str),  # text, for 1.10 is not 1.1
             skiprows=first,
             nrows=end - begin - first,
             **marks,
@@ -204,12 +207,6 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         )
         table.index += begin + first + 1
         yield Block(path, table, columns_titled(table, titles))
-
-
-def labels_in(titles: list[str]) -> list[int]:
-    """Where columns of labels stand; these are text, for 1.10 is not 1.1."""
-    columns = map(column_titled, range(len(titles)), titles)
-    return [column.at for column in columns if column.role == "label"]
 
 
 def sheet_blocks(path: Path) -> Iterator[Block]:

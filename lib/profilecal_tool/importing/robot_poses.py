@@ -183,15 +183,15 @@ def angle_of(poses: Part) -> tuple[float, str]:
         return 1.0, ""
     numbers, units = poses.numbers_of(turn.columns), poses.units(turn.columns)
     likely, doubt = likely_angle(numbers), ""
-    if turn.sequence:
+    if turn.sequence:  # controllers write such angles in degrees, programmers in either
         usual, roles = "deg", turn.columns
         if likely and not units:
             doubt = f"angles up to {np.abs(numbers).max():.4g}; which, rad or deg?"
-    else:
-        usual, roles = "rad", FANUC  # most often, if they are no vector
+    else:  # a vector, or angles that are called like one, most often W, P, R
+        usual, roles = "rad", FANUC
         length = np.linalg.norm(numbers, axis=1).max()
         is_long = length > np.pi and not (units or poses.robot)
-        if is_long or units - {"rad"}:
+        if is_long or units - {"rad", "radian", "radians"}:
             what = listed(units) or "rad, longer than pi"
             doubt = f"a vector of {length:.4g} {what}; are they w, p, r?"
             doubt += " (a vector in deg: convert it to rad)"

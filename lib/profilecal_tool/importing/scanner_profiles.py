@@ -26,7 +26,6 @@ from profilecal_tool.importing.blocks import (
 from profilecal_tool.importing.makers import (
     LENGTH_UNITS,
     UNIT_OF_CODE,
-    likely_unit,
     scale_of,
 )
 from profilecal_tool.importing.questions import (
@@ -101,8 +100,7 @@ def points_in(block: Block, said: str) -> Part | None:
     for x in block.having("x"):
         for z in block.having("z"):
             if x.owner == z.owner:
-                title = f"{block.title(x)},{block.title(z)}"
-                pairs[title] = [x, z]
+                pairs[f"{block.title(x)},{block.title(z)}"] = [x, z]
     if said:
         pair = columns_called(block, said)
         pairs = {said: pair} if len(pair) == 2 else {}
@@ -170,7 +168,7 @@ def read_profiles(files: Files, stops: int, layout: Layout, taken: Taken) -> Ser
         counts += of_file if is_alone else [sum(of_file)]
         parts += found
     if not parts:
-        raise ScanError(f"{path}: no profiles in rows where {layout.where or 'any'}")
+        raise ScanError(f"{path}: no profiles in these rows")
     first = parts[0]
     taken["columns"] = ",".join(first.title(c) for c in first.chosen.values())
     xz = np.concatenate([part.numbers_of("xz", blank=True) for part in parts])
@@ -225,7 +223,7 @@ def check_one_section(block: Part, profile: ndarray, layout: Layout) -> None:
     for column in block.having("y", "sensor", "label"):
         role, cells = column.role, block.table[column.at]
         each = cells.groupby(profile).nunique()
-        is_wanted = column in (x, z) or layout.wanted == (column.name, "*")
+        is_wanted = column.at in (x.at, z.at) or layout.wanted == (column.name, "*")
         if each.max() < 2 or is_wanted:
             continue
         if role == "label" and (2 * each > np.bincount(profile)).any():
@@ -252,10 +250,9 @@ def question_on_points(blocks: list[Block], said: str) -> ScanError:
     sentence = f"{block.path}: {sentence}; {row}; --columns says them"
     numeric = block.table.select_dtypes("number")
     likely = [str(at + 1) for at in numeric if (numeric[at] % 1).any()]
-    is_pair = len(likely) == 2
-    return (
-        Question(sentence, columns=",".join(likely)) if is_pair else ScanError(sentence)
-    )
+    if len(likely) != 2:
+        return ScanError(sentence)
+    return Question(sentence, columns=",".join(likely))
 
 
 def in_mm(
@@ -306,7 +303,8 @@ def check_size(path: Path, xz: ndarray, scale: float, is_said: bool) -> None:
     if is_narrow or not READINGS_MM[0] <= largest <= FARTHEST_MM:
         sentence = f"{width:.4g} mm wide, up to {largest:.4g} mm away"
         hint = "the unit, or a code for nothing seen (--missing)?"
-        likely = likely_unit(largest / scale, LIKELY_MM)
+        times = np.log(LIKELY_MM / largest * scale)
+        likely = min(LENGTH_UNITS, key=lambda u: abs(np.log(LENGTH_UNITS[u]) - times))
         raise Question(f"{path}: {sentence}; is it {hint}", unit=likely)
 
 

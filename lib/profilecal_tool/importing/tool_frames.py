@@ -28,10 +28,10 @@ def lines_of_program(blocks: Iterable[Block], maker: str) -> Program:
 
 
 def of_one_frame(
-    poses: Part, program: Program, which: str, layout: Layout
+    poses: Part, program: Program, which: str, layout: Layout, taken: Taken
 ) -> tuple[Part, str]:
     """The poses that have one tool or base, as programs and columns say, and its name,
-    "" if none is known.
+    "" if none is known; where lines name no poses, all have the one that a user says.
 
     Raises Question where they have several.
     """
@@ -39,11 +39,12 @@ def of_one_frame(
     uses = [(row.get("name", ""), row.get(which, "")) for row in program["uses"]]
     for column in poses.having(which):
         uses += [("", label_of(cell)) for cell in poses.table[column.at]]
-    # world[0] is world
-    uses = [(pose, frame.lower().partition("[")[0]) for pose, frame in uses if frame]
+    uses = [(pose, frame.lower()) for pose, frame in uses if frame]
     option, said = layout.wanted
     if option == which:
         others = {pose.lower() for pose, frame in uses if frame != said}
+        if "" in others:
+            taken["where"] = f"{said} for all poses: moves of others do not name theirs"
         return without(poses, others), said
     frames = [frame for _, frame in uses]
     names = [*dict.fromkeys(frames)]
@@ -71,8 +72,8 @@ def of_one_tool(
     """The poses of one tool, and its position and angles as they stand; None if it is
     the flange. Raises Question.
     """
-    poses, base = of_one_frame(poses, program, "base", layout)
-    poses, used = of_one_frame(poses, program, "tool", layout)
+    poses, base = of_one_frame(poses, program, "base", layout, taken)
+    poses, used = of_one_frame(poses, program, "tool", layout, taken)
     tool, words = None, "none; taken for the flange's poses"
     if layout.tool:
         tool, words = layout.tool, "the one given, taken off"
