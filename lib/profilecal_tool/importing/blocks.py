@@ -231,7 +231,8 @@ def roles_of_list(cells: DataFrame, name: str) -> tuple[list[str], str]:
     count = cells.shape[1]
     before, _, last = name.rpartition("_")
     first, _, after = name.partition("_")
-    # by a word, whose numbers they are; of a name that is one word, nobody's
+    # by a word, whose numbers they are; of a name that is one word all three are one
+    # word, and the last of them counts: nobody's
     owners = {name: name, last: before, first: after}
     if not name or count > 2:  # two numbers of any name are no x and z
         owners["bare"] = name

@@ -252,9 +252,10 @@ def check_one_profile_a_pose(
 def in_sweeps(folder: Path, entries: Entries, both: Times) -> Entries:
     """Entries of a Scan in motion, from those of the log's poses. Raises ScanError."""
     times = both.profiles
-    with naming(folder):
+    with naming(folder):  # a log's faults are said of arrays
         log = checked_log(both.log, entries["R_base_flange"], entries["p_base_flange"])
         begins = np.diff(times, prepend=times[0]) > GAP * np.median(np.diff(times))
         sweeps = [f"s{number}" for number in np.cumsum(begins) + 1]
     moved = {"log": log, "times": times, "sweeps": tuple(sweeps)}
+    # no file says from which side a sweep was: all are of one
     return moved | NO_POSES | {"side": 0, "convention": entries["convention"]}

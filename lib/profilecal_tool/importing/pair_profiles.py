@@ -52,7 +52,7 @@ def pair_profiles(
             raise ScanError(f"--times: {rate:g} profiles a second; expected some")
         # profiles are called by their times
         names = [f"{start + k / rate:.6f}" for k in range(len(names))]
-    labels = next(iter(poses.labels.values()), [])
+    labels = next(iter(poses.labels.values()), [])  # a program's only ones are names
     driven = [labels.index(name) for name in dict.fromkeys(moves) if name in labels]
     found = None if layout.times else paired_by_label(poses, names)
     if not found:
@@ -141,10 +141,16 @@ def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
 def ways_to_compare(
     labels: list[str], names: list[str]
 ) -> Iterator[tuple[bool, str, list, Sequence]]:
-    """Whether it is by more than a number, by what, what labels have and names want:
-    whole names, without folder and ending, if they are more than numbers; all numbers,
-    as in 2_07; or the last number of the labels and each in the names, counted from 0
-    and from 1 if all fit only so.
+    """Ways to compare: whether by more than a number, by what, what labels have, and
+    what names want. Of labels p1, p2 and names scan_0, scan_1::
+
+        True, "names"                                      p1, p2    scan_0, scan_1
+        False, "number 1 in the names"                     1, 2      0, 1
+        False, "number 1 in the names, from 0 and from 1"  1, 2      1, 2
+
+    Names are without folder and ending; they are no names if they are only numbers.
+    Several numbers, as in 2_07, are compared as a whole too, or else the last of a
+    label. Of the last two ways it is the one that fits all names, or both.
     """
     stems = [*map(stem_of, names)]
     if not "".join(stems).isdigit():

@@ -50,7 +50,7 @@ class Layout:
     poses: str = ""  # which files hold the robot's poses
     pose_columns: str = ""  # what its columns are: "x [m],y [m],z [m],w,p,r,_"
     entry: str = ""  # whose pose, or which list, if a file has several
-    tool: SixNumbers = None  # that poses are of: mm, and angles
+    tool: SixNumbers = None  # that poses are of: mm; angles as the poses', or W, P, R
     profiles: str = ""  # which files are profiles, a pattern
     columns: str = ""  # of x and z: names, or numbers from 1, with units
     where: str = ""  # which rows: "sensor=0"

@@ -167,6 +167,7 @@ def length_of(poses: Part) -> tuple[float, str]:
     usual = "m" if farthest < FARTHEST_M else "mm"
     if poses.robot:
         usual = ROBOTS[poses.robot].unit
+    # one number, in m too far for a robot and in mm too near
     elif not units and FARTHEST_M <= farthest < NEAR_MM:
         doubt = f"positions up to {farthest:.4g}; cm, in or mm?"
         places = [poses.chosen[axis] for axis in XYZ]

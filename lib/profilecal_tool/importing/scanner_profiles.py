@@ -110,6 +110,7 @@ def points_in(block: Block, said: str) -> Part | None:
     x, z = pairs[one_or_ask(block.path, [*pairs], "columns are x and z", "columns")]
     if x.at == z.at:
         raise ScanError(f"--columns {said}: x and z are one column")
+    # what has no owner is called by its titles: blocks alike are one entry
     called = x.owner or ",".join(block.titles[:4])
     return block.part(called, {"x": x, "z": z})
 
@@ -141,8 +142,8 @@ def points_of_file(blocks: list[Block], layout: Layout) -> list[Part]:
 
 def read_profiles(files: Files, stops: int, layout: Layout, taken: Taken) -> Series:
     """The points (n, 2) mm of each profile, NaN where nothing was seen, under its name,
-    "" if it has none: one in each file, or in one file one for each stop of the robot,
-    0 where that is not known.
+    "" if it has none. `stops`: how many profiles one file should have, 0 where that is
+    not known; a file among several has one.
 
     Raises ScanError.
     """
@@ -152,6 +153,7 @@ def read_profiles(files: Files, stops: int, layout: Layout, taken: Taken) -> Ser
         found = points_of_file(blocks, layout)
         if not found and any(len(block.table) > 1 for block in blocks):
             raise question_on_points(blocks, layout.columns)
+        # between blank lines: several profiles, or parts of one? no title tells
         if len(found) > 1 and found[0].is_bare and not is_alone:
             raise ScanError(
                 f"{path}: {len(found)} tables: give titles, or no blank lines"
@@ -294,8 +296,8 @@ def codes_in(z: ndarray, layout: Layout) -> list[float]:
 
 
 def check_size(path: Path, xz: ndarray, scale: float, is_said: bool) -> None:
-    """Raise Question where points (n, 2) mm are so few or so far away that their unit,
-    of so many mm, may be another one.
+    """Raise Question where points (n, 2) mm are so near each other, so near or so far
+    away that their unit, of so many mm, may be another one.
     """
     x, z = xz[~np.isnan(xz[:, 1])].T
     width, largest = np.ptp(x), np.abs([x, z]).max()

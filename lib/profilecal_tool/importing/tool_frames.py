@@ -101,6 +101,7 @@ def frame_of_tool(
     """
     rows = program[kind]
     columns = [*poses.chosen]
+    # beside each pose in Universal Robots' logs
     if offset := poses.poses.get("tcp_offset"):
         table = DataFrame(offset.numbers_of(columns), columns=columns)
         rows = table.to_dict("records")
@@ -116,7 +117,7 @@ def frame_of_tool(
     if used or frames:
         which = f"tool {used}" if used else "a tool"
         sentence = f"poses are of {which}, of which {len(frames)} frames are here"
-        hint = "where is it on the flange? (fill in X Y Z in mm, and angles)"
+        hint = "where is it on the flange? (X Y Z in mm, angles as poses have)"
         raise Question(f"{poses.path}: {sentence}; {hint}", tool=[*"XYZABC"])
     # what is at the flange's origin is none
     declared = sorted({name for name, numbers in tools if any(numbers[:3])})
