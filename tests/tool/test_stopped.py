@@ -26,8 +26,14 @@ def test_a_large_scan_is_imported_whole_or_not_at_all(tmp_path):
     np.save(folder / "profiles.npy", rng.uniform(50, 90, (40, 3_000, 2)))
     poses = np.pad(rng.uniform(300, 500, (40, 3)), [(0, 0), (0, 4)])
     poses[:, 3] = 1
-    names = "x,y,z,qw,qx,qy,qz"
-    np.savetxt(folder / "poses.csv", poses, "%.3f", ",", header=names, comments="")
+    np.savetxt(
+        folder / "poses.csv",
+        poses,
+        "%.3f",
+        ",",
+        header="x,y,z,qw,qx,qy,qz",
+        comments="",
+    )
     command = [COMMAND, "import", folder, "scan", "--target", "plane"]
     half = partial_of(partial_of(tmp_path / "scan"))  # a scan in what is imported
 

@@ -142,6 +142,8 @@ def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
             if block.robot or not is_beside:
                 wanted = with_rows_wanted(block, layout)
                 blocks.append(with_a_point_a_row(wanted, layout))
+    for name in said:  # of the same files
+        families.setdefault(name, families[said[-1]])
     return families
 
 
