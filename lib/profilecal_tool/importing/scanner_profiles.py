@@ -305,8 +305,8 @@ def check_size(path: Path, xz: ndarray, scale: float, is_said: bool) -> None:
     if is_narrow or not READINGS_MM[0] <= largest <= FARTHEST_MM:
         sentence = f"{width:.4g} mm wide, up to {largest:.4g} mm away"
         hint = "the unit, or a code for nothing seen (--missing)?"
-        times = np.log(LIKELY_MM / largest * scale)
-        likely = min(LENGTH_UNITS, key=lambda u: abs(np.log(LENGTH_UNITS[u]) - times))
+        usual = np.log(LIKELY_MM / largest * scale)  # of the unit, in mm
+        likely = min(LENGTH_UNITS, key=lambda u: abs(np.log(LENGTH_UNITS[u]) - usual))
         raise Question(f"{path}: {sentence}; is it {hint}", unit=likely)
 
 
