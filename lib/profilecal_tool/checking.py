@@ -5,8 +5,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from profilecal.calibration.doubts import doubts
-from profilecal.calibration.observe import as_observations, observe
+from profilecal.calibration.observe import as_observations, observe, questions_on
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.observability import LEAST_TURN_DEG, name_axis, turns
@@ -46,8 +45,8 @@ def check(scan: Scan) -> Lines:
         Problem([observed], Noise(1.0)).check_enough()
     except UnobservableError as error:
         yield "note", str(error)
-    for remark in (*seen.remarks, *doubts(scan)):
-        yield "note", remark
+    for note in (*seen.notes, *questions_on(scan)):
+        yield "note", note
 
 
 def on_poses(scan: Scan) -> Lines:

@@ -203,9 +203,9 @@ def joint_of(entries: Any) -> Joint | None:
         return None
 
 
-def check_another(found: Answer, other: Scan | Answer) -> str:
-    """The name of a scan, or of another answer, that an answer is held against. Raises
-    ScanError for another mount, and for measurements that the answer is from.
+def checked_name(found: Answer, other: Scan | Answer) -> str:
+    """The name of a scan, or of another answer, that an answer may be held against.
+    Raises ScanError for another mount, and for measurements that the answer is from.
     """
     if isinstance(other, Answer):
         name, prints = "the other answer", other.fingerprints

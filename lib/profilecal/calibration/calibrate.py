@@ -12,9 +12,8 @@ from scipy.spatial.transform import RigidTransform
 
 from profilecal.calibration import plausibility
 from profilecal.calibration.calibration import Calibration
-from profilecal.calibration.doubts import doubts
 from profilecal.calibration.mount import disagreement, rests_on
-from profilecal.calibration.observe import Seen, observe_all
+from profilecal.calibration.observe import Seen, observe_all, questions_on
 from profilecal.calibration.other_conventions import better_readings
 from profilecal.calibration.several_scans import (
     agreed,
@@ -95,15 +94,16 @@ def calibrate(
     check_different(scans)
     seen, observed, features_mm = observe_all(scans)
     prior = replace(prior_from(stated, features_mm), mount=mount)
-    remarks = by_scan(scans, [entry.remarks for entry in seen])
-    questions = by_scan(scans, [doubts(scan) for scan in scans])
-    notes = *remarks, *questions
     poses = tuple(entry.poses for entry in seen)
+    # Notes are on the files: on what was left out, and questions, which make "ok" weak.
+    # Objections, and the solution's own words, are on the files as they were read: if
+    # other readings explain the data, they are beside the point.
+    questions = by_scan(scans, map(questions_on, scans))
+    notes = *by_scan(scans, [entry.notes for entry in seen]), *questions
     try:
         solution, objections = believed(scans, seen, observed, prior)
     except UnobservableError as error:
         return Calibration(scans, poses, observed, messages=(*notes, str(error)))
-    observed = tuple(solution.problem.observations)  # by the delay that was found
     status = solution.status
     if status == "ok" and questions:
         status = "weak"
@@ -111,15 +111,19 @@ def calibrate(
     if status != "ok":
         delay_ms = 1e3 * (solution.delay_s or 0.0)
         at_rest = [scan.at_rest(delay_ms) for scan in scans]
-        readings = by_scan(scans, [*map(better_readings, at_rest, seen)])
-    # Notes are on the files: on what was left out, and questions, which make "ok" weak.
-    # Objections, and the solution's own words, are on the files as they were read: if
-    # other readings explain the data, they are beside the point.
+        readings = by_scan(scans, map(better_readings, at_rest, seen))
     messages = (*notes, *objections, *solution.messages)
     if readings:
         status, messages = "unobservable", (*readings, *notes)
-    misread = bool(readings or objections)
-    return Calibration(scans, poses, observed, status, solution, messages, misread)
+    return Calibration(
+        scans,
+        poses,
+        observed=tuple(solution.problem.observations),  # by the delay that was found
+        status=status,
+        solution_or_none=solution,
+        messages=messages,
+        misread=bool(readings or objections),
+    )
 
 
 def believed(
@@ -138,19 +142,19 @@ def believed(
     mount = prior.mount
     starts = [(mount.rotation, mount.translation)] if mount else []
     alone = solve(observed, replace(prior, mount=None), starts=starts)
-    # objections are by its residuals, others by the mount, the sides and each scan
-    solution, objections = plausibility.check(alone)
-    others = disagreement(solution, mount)
+    solution, by_residuals = plausibility.check(alone)
+    objections = disagreement(solution, mount)
     if mount and solution.status != "ok":
         both, against = plausibility.check(solve(observed, prior, starts=starts))
         if not (against or disagreement(both, mount)):
             messages = (*rests_on(both, mount), *both.messages)
-            solution, objections, others = replace(both, messages=messages), [], []
-    others += other_sides(scans, seen, solution)
-    others += plausibility.moved(solution, parts_of(scans, seen))
-    if others and solution.status == "ok":
+            solution = replace(both, messages=messages)
+            by_residuals, objections = [], []  # which are on the other solution
+    objections += other_sides(scans, seen, solution)
+    objections += plausibility.moved(solution, parts_of(scans, seen))
+    if objections and solution.status == "ok":
         solution = replace(solution, status="weak")
-    return solution, others + objections
+    return solution, objections + by_residuals
 
 
 def parts_of(scans: Sequence[Scan], seen: Sequence[Seen]) -> dict[str, ndarray]:

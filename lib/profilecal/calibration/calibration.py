@@ -229,9 +229,9 @@ class Calibration:
         """Of the poses from which the target was found; with the scan's title before
         them where there are several scans.
         """
-        triples = zip(prefixes(self.scans), self.scans, self.seen, strict=True)
+        parts = zip(prefixes(self.scans), self.scans, self.seen, strict=True)
         return [
-            [before + scan.labels[i] for i in seen] for before, scan, seen in triples
+            [before + scan.labels[i] for i in poses] for before, scan, poses in parts
         ]
 
     def __repr__(self) -> str:
@@ -252,8 +252,8 @@ class Calibration:
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
-        """The object that `profilecal calibrate --json` prints; data/README.md says
-        what each entry is. Those that are not known are None.
+        """The object that `profilecal calibrate --json` prints, but for `made`;
+        data/README.md says what each entry is. Those that are not known are None.
         """
         known, solution = self.is_known or None, self.solution_or_none
         entries = {
@@ -340,30 +340,27 @@ def joint_entries(solution: Solution) -> dict[str, Any]:
     where the same poses are driven again the error is there again. At other poses it
     may pass for a move.
     """
-    sizes = solution.error_sizes
     mean, covariance = solution.known_of_all
-    problem = solution.problem
-    prior = solution.prior
+    problem, prior, noise = solution.problem, solution.prior, solution.noise
     noise_mm = solution.noise_mm
     shown_mm = prior.scales.profile_mm if prior.source == "profiles" else noise_mm
-    frames = zip(problem.observations, solution.state.placements, strict=True)
-    noise = solution.noise
-    robot_errors = sizes.of_robot
-    smooth = None
-    if SMOOTH in robot_errors:
-        smooth = solution.smooth.known
-        robot_errors["accuracy_deg"] = noise.of_sizes(robot_errors).accuracy_deg
+    placed = zip(problem.observations, solution.state.placements, strict=True)
+    sizes = solution.error_sizes.of_robot
+    smooth = solution.smooth.known if SMOOTH in sizes else None
+    robot_errors = sizes | {"steering_mm": noise.steering_mm}
+    if smooth:
+        robot_errors["accuracy_deg"] = noise.of_sizes(sizes).accuracy_deg
     return {
         "smooth": smooth,
         "columns": column_names(problem, range(len(problem.targets)), bool(smooth)),
         "mean": mean,
         "covariance": covariance,
         "targets": [
-            [seen.kind, seen.sizes, origin[0], axes[0]]
-            for seen, (origin, axes) in frames
+            [observed.kind, observed.sizes, origin[0], axes[0]]
+            for observed, (origin, axes) in placed
         ],
-        "robot_errors": robot_errors | {"steering_mm": noise.steering_mm},
-        "freedom": sizes.freedom,
+        "robot_errors": robot_errors,
+        "freedom": solution.error_sizes.freedom,
         "noise_factor": noise_mm / shown_mm,
     }
 

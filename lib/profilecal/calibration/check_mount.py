@@ -13,7 +13,7 @@ import numpy as np
 from numpy import ndarray
 from scipy.special import chndtrinc, fdtrc, fdtri
 
-from profilecal.calibration.answer import DEGREES, Answer, Joint, check_another
+from profilecal.calibration.answer import DEGREES, Answer, Joint, checked_name
 from profilecal.calibration.calibration import Calibration, column_names
 from profilecal.calibration.evidence import Evidence, evidence
 from profilecal.calibration.observe import as_observations, observe
@@ -170,11 +170,12 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
 
     Examples
     --------
+    >>> import numpy as np
     >>> import profilecal as pc
     >>> found = pc.calibrate(pc.simulate("ball", seed=1)[0])
     >>> later, _ = pc.simulate("ball", seed=1, scan=2)
     >>> poses, arcs = later.T_base_flange[:3], np.concatenate(later.values[:3])
-    >>> few = Scan.of("ball", poses, arcs=arcs, radius=25)
+    >>> few = pc.Scan.of("ball", poses, arcs=arcs, radius=25)
     >>> pc.check_mount(found, few).as_expected
     True
     """
@@ -182,7 +183,7 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     check_type("scan", scan, Scan)
     if isinstance(found, Calibration):
         found = found.answer
-    title = check_another(found, scan)
+    title = checked_name(found, scan)
     if scan.log and scan.delay_ms is None:
         raise ScanError(
             f"{title}: what the clocks of robot and scanner differ by is not stated; "

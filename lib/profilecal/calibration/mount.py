@@ -65,16 +65,16 @@ def disagreement(solution: Solution, mount: Mount | None) -> list[str]:
     beside = solution.covariance_total - solution.covariance
     C = shown.covariance + beside + np.diag(np.minimum(mount.sd, NOTHING) ** 2)
 
-    def off(R: ndarray, T: ndarray) -> ndarray:
+    def off(R_other: ndarray, T_other: ndarray) -> ndarray:
         """How far the solution is from a mount."""
-        return pose_error(solution.rotation, solution.translation, R, T)
+        return pose_error(solution.rotation, solution.translation, R_other, T_other)
 
-    def agrees(R: ndarray, T: ndarray, z_mm: float = 0.0) -> bool:
+    def agrees(R_other: ndarray, T_other: ndarray, z_mm: float = 0.0) -> bool:
         """Whether chance explains how far a mount, of such a doubt along z, is from
         what the residuals say, in the directions that these determine.
         """
         doubt = D @ (C + np.diag([0, 0, z_mm**2, 0, 0, 0])) @ D.T
-        square = normalised_square(doubt, D @ (off(R, T) - offset))
+        square = normalised_square(doubt, D @ (off(R_other, T_other) - offset))
         return not chdtrc(len(D), square) < FALSE_ALARM  # NaN where there are none
 
     if agrees(R, T):

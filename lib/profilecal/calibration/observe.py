@@ -8,7 +8,6 @@ import numpy as np
 from numpy import ndarray
 from scipy.linalg import block_diag
 
-from profilecal.calibration.doubts import doubts
 from profilecal.profiles.ends import FEW
 from profilecal.profiles.features import Feature
 from profilecal.scan.scan import MEASURED, Scan
@@ -29,7 +28,7 @@ class Seen:
     # of it by the profiles themselves, mm², as `Observations` has it
     covariance: ndarray | None = None
     # why other poses did not see it
-    remarks: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def typical_mm(self) -> float:
@@ -62,9 +61,29 @@ def observe(scan: Scan, least: int = 0, others: Sequence[Scan] = ()) -> Seen:
             f"expected {least} or more"
         )
         raise ScanError(
-            shorten("; ".join([sentence, *doubts(scan), *seen.remarks]), 600)
+            shorten("; ".join([sentence, *questions_on(scan), *seen.notes]), 600)
         )
     return seen
+
+
+def questions_on(scan: Scan) -> list[str]:
+    """What a scan gives cause to ask, which its residuals may not show: whether x and z
+    of raw profiles are swapped, where only z runs on along most of them.
+    """
+    if scan.measured != "profiles":
+        return []
+    only_z = []
+    for values in scan.values[:100]:
+        steps = np.diff(values[np.isfinite(values).all(axis=1)], axis=0)
+        if len(steps) > 9:
+            x, z = (steps >= 0).all(axis=0) | (steps <= 0).all(axis=0)
+            only_z.append(z and not x)
+    if 2 * sum(only_z) <= len(only_z):
+        return []
+    return [
+        "z, and not x, grows or falls all along most profiles, as x does along the "
+        "laser line: are their columns swapped?"
+    ]
 
 
 def from_profiles(scan: Scan, others: Sequence[Scan]) -> Seen:
@@ -90,7 +109,7 @@ def from_profiles(scan: Scan, others: Sequence[Scan]) -> Seen:
         poses=np.flatnonzero([feature.found for feature in features]),
         points=points,
         covariance=covariance,
-        remarks=left_out(scan.labels, [feature.reason for feature in features]),
+        notes=left_out(scan.labels, [feature.reason for feature in features]),
     )
 
 
@@ -142,7 +161,7 @@ def from_table(scan: Scan) -> Seen:
     rows = np.reshape([scan.values[i] for i in poses], shape)
     reasons = ["" if own else f"no {scan.measured[:-1]}" for own in found]
     points = points_of(scan.measured, rows)
-    return Seen(poses, points, remarks=left_out(scan.labels, reasons))
+    return Seen(poses, points, notes=left_out(scan.labels, reasons))
 
 
 def points_of(measured: str, values: ndarray) -> ndarray:

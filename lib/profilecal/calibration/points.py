@@ -52,15 +52,15 @@ def point_sd(
 
 def points_seen(solution: Solution) -> ndarray:
     """x and z (2, n), mm, of all that was seen; of circles, two points of each arc."""
-    seen = [
-        entry.points[0, :, int(entry.are_circles) :].reshape(-1, 2)
-        for entry in solution.problem.observations
+    points = [
+        observed.points[0, :, int(observed.are_circles) :].reshape(-1, 2)
+        for observed in solution.problem.observations
     ]
-    every = np.concatenate(seen)
+    every = np.concatenate(points)
     return every[np.isfinite(every).all(axis=1)].T
 
 
 def over_all_seen(solution: Solution) -> list[ndarray]:
     """x and z (3, 3), mm, from corner to corner of what was seen."""
-    seen = points_seen(solution)
-    return [*np.meshgrid(*np.linspace(seen.min(axis=1), seen.max(axis=1), 3).T)]
+    points = points_seen(solution)
+    return [*np.meshgrid(*np.linspace(points.min(axis=1), points.max(axis=1), 3).T)]

@@ -22,7 +22,7 @@ def prefixes(scans: Sequence[Scan]) -> list[str]:
     return [f"{title}: " for title in titles]
 
 
-def by_scan(scans: Sequence[Scan], sentences: Sequence[Iterable[str]]) -> list[str]:
+def by_scan(scans: Sequence[Scan], sentences: Iterable[Iterable[str]]) -> list[str]:
     """The sentences on each scan, with its name before them where there are several."""
     pairs = zip(prefixes(scans), sentences, strict=True)
     return [name + sentence for name, of_scan in pairs for sentence in of_scan]

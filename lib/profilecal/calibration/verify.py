@@ -15,7 +15,7 @@ import numpy as np
 from numpy import ndarray
 from scipy.special import chdtrc
 
-from profilecal.calibration.answer import DEGREES, MM_DEG, Answer, check_another
+from profilecal.calibration.answer import DEGREES, MM_DEG, Answer, checked_name
 from profilecal.calibration.calibrate import calibrate
 from profilecal.calibration.calibration import Calibration
 from profilecal.geometry.checks import check_type
@@ -162,7 +162,7 @@ def verify(
         found = found.answer
     if isinstance(other, Calibration):
         other = other.answer
-    title = check_another(found, other)
+    title = checked_name(found, other)
     T = found.pose
     stated = found.covariance_total_mm_deg / MM_DEG
     if isinstance(other, Answer):

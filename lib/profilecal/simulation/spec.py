@@ -138,7 +138,8 @@ def simulate(kind: str = "edge", seed: int = 1, **entries: Any) -> tuple[Scan, T
 
     Examples
     --------
-    >>> scan, truth = simulate("disk", seed=1, groups=4, positions=20)
+    >>> import profilecal as pc
+    >>> scan, truth = pc.simulate("disk", seed=1, groups=4, positions=20)
     >>> scan
     Scan(disk, radius 50 mm, 80 poses of 4 orientations, chords, eye-in-hand)
     >>> truth.pose.shape
@@ -175,12 +176,10 @@ def read_spec(
     Raises ScanError.
     """
     entries = {"kind": Spec.kind} | dict(said)
-    swept = "motion" in entries
-    kinds = [kind for kind, one in TARGETS.items() if one.across or not swept]
-    allowed, expected = one_of(kinds)
-    kind_rule = allowed, expected + ", in motion" * swept
-    check_entries(path, {"kind": entries["kind"]}, {"kind": kind_rule})
+    check_entries(path, {"kind": entries["kind"]}, {"kind": one_of(TARGETS)})
     target = TARGETS[entries["kind"]]
+    if "motion" in entries and not target.across:
+        raise ScanError(f"{path}: a {target.kind} is not swept; leave [motion] out")
     lengths = length_rules(target.kind)
     known = entries_of(described) | {
         "measured": one_of(target.tables),

@@ -30,7 +30,7 @@ import profilecal as pc
             "mount is missing in [guess]; expected 6 numbers",
         ),
         ("kind = ", "spec.toml: Invalid value"),
-        ('kind = "point"\n[motion]', "kind is 'point'; expected edge or disk or"),
+        ('kind = "point"\n[motion]', "a point is not swept; leave [motion] out"),
     ],
 )
 def test_a_wrong_specification_is_refused(tmp_path, text, sentence):
