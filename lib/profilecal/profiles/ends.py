@@ -191,13 +191,12 @@ def end_at(number: ndarray, along: ndarray) -> tuple[float, float, float]:
     # independent errors are as far apart over any number of steps, those of a random
     # walk twice as far, squared, over two: half-way between
     if over_all > max(variance, 1.5 * over_one):
-        # A walk goes as far ahead as `over_all`. The parabola's slope at the end is off
-        # besides, and the fit takes a part of `over_all` away. By the covariance of a
-        # walk both together are 7 s e^4s, up to a quarter ahead to 10 %;
-        # at half, the farthest, the variance is 27 times `over_all` in place of 47
+        # A walk goes as far ahead as `over_all`, of which the fit takes a part away;
+        # the parabola's slope at the end is off besides. By the covariance of a walk
+        # the variance is so many times `over_all`, to 4 %
         share = ahead / len(off)
-        by_slope = 7 * share * np.exp(4 * share)
-        place, variance = place + off[-1], over_all * (1 + by_slope)
+        place = place + off[-1]
+        variance = over_all * np.exp((7 + 1.4 * share) * share)
     return place, spacing, variance / spacing**2
 
 
