@@ -13,11 +13,8 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.checks import UnobservableError, check_count
-from profilecal.geometry.observability import HAND_PRECISION
+from profilecal.geometry.observability import HAND_PRECISION, LEAST_TURN_DEG, turns
 from profilecal.geometry.poses import carry, homogeneous, nearest_rotation
-
-# directions or orientations that differ by less are taken for one
-LEAST_SPREAD_DEG = 1.0
 
 
 @dataclass(frozen=True, repr=False)
@@ -126,9 +123,9 @@ def check_fit(
 
 
 def check_spread(spread_deg: float, what: str, so: str) -> None:
-    """Refuse data that spread by less than LEAST_SPREAD_DEG, or are not finite."""
-    if not spread_deg >= LEAST_SPREAD_DEG:
-        needed = f"at least {LEAST_SPREAD_DEG:g}° needed"
+    """Refuse data that spread by less than LEAST_TURN_DEG, or are not finite."""
+    if not spread_deg >= LEAST_TURN_DEG:
+        needed = f"at least {LEAST_TURN_DEG:g}° needed"
         raise UnobservableError(f"{what} (within {spread_deg:.2g}°, {needed}), so {so}")
 
 
@@ -142,19 +139,16 @@ def check_orientations(R_tcp: ndarray, name: str = "orientations") -> None:
     """Refuse fewer than three poses (n, 3, 3), one orientation, or one axis."""
     n = len(R_tcp)
     check_count(name, n, 3, "two turns about different axes fix the translation")
-    M = (R_tcp - R_tcp.mean(axis=0)).reshape(-1, 3)
-    _, singular, Vt = np.linalg.svd(M, full_matrices=False)
-    # the root mean square over all pairs of |ΔR v|, an angle while it is small
-    turn = np.degrees(singular * np.sqrt(2 / (n - 1)))
+    angles, main = turns(R_tcp)
     check_spread(
-        turn[0],
+        np.linalg.norm(angles),
         f"all {n} poses have one orientation",
         "the translation cannot be known; turn the flange between poses, "
         "about at least two axes",
     )
-    axis = np.array2string(Vt[2], precision=2, suppress_small=True)
+    axis = np.array2string(main, precision=2, suppress_small=True)
     check_spread(
-        turn[2],
+        np.linalg.norm(angles[1:]),
         f"all {n} poses turn about one axis, {axis} of the flange",
         "the translation along it cannot be known; "
         "add a pose tilted about another axis",

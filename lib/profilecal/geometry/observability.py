@@ -109,7 +109,7 @@ def name_axis(vector: ArrayLike, frame: str) -> str:
 def name_direction(
     direction: ArrayLike,
     R_sensor: ndarray,
-    frame: str = "flange",
+    frame: str,
 ) -> str:
     """A direction (6,) of the sensor pose in units of the measurement by hand, in the
     frame that the pose is in.
@@ -152,7 +152,7 @@ def main_parts(direction: ArrayLike) -> list[int]:
 
 
 def explain(
-    found: Spectrum, R_sensor: ndarray, R_flange: ndarray, frame: str = "flange"
+    found: Spectrum, R_sensor: ndarray, R_flange: ndarray, frame: str
 ) -> list[str]:
     """Sentences a person can act on, none where all is well.
 

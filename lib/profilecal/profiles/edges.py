@@ -189,10 +189,10 @@ def crossing(first: Run, second: Run) -> ndarray:
 
 def crossing_covariance(first: Run, second: Run, apex: ndarray) -> ndarray:
     """Of the place where the lines of two runs meet, (2, 2) mm²."""
-    lines = (first, second)
+    lines = first, second
     variances = [line.offset_covariance(apex[None])[0, 0] for line in lines]
     inverse = np.linalg.inv([line.normal for line in lines])
-    return inverse @ np.diag(variances) @ inverse.T
+    return inverse * variances @ inverse.T
 
 
 def step_ends(runs: list[Run], view: View) -> Iterator[Candidate]:

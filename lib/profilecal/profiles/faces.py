@@ -54,8 +54,6 @@ def between_steps(run: Run, limit: float) -> list[ndarray]:
     """
     steepest = 0.05  # of what is uneven
     k = 5  # points on either side of a step
-    if len(run.rows) < 2 * k:
-        return [run.rows]
     means = sliding_window_view([run.along, run.off], k, axis=1).mean(axis=-1)
     apart, step = means[:, k:] - means[:, :-k]
     most = limit + np.minimum(steepest * np.abs(apart), BLUNT / 2)

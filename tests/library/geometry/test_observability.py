@@ -123,18 +123,18 @@ def test_words():
     assert name_axis([0.1, 0.0, -1.0], "flange") == "the flange's z"
     said = name_axis([0.0, -0.6, 0.8], "flange")
     assert said == "(0.00, -0.60, 0.80) in the flange's frame"
-    said = name_direction([0, 0, 0.6, 0.8, 0, 0], np.eye(3))
+    said = name_direction([0, 0, 0.6, 0.8, 0, 0], np.eye(3), "flange")
     assert said == "rotation about the flange's x with translation along the flange's z"
     still = np.eye(3)[None].repeat(4, axis=0)
     open_sd = np.repeat([1e4, 0.01], 3)
     found = Spectrum(np.eye(6), open_sd, np.eye(6), np.array(7), 10)
-    (said,) = explain(found, np.eye(3), still)
+    (said,) = explain(found, np.eye(3), still, "flange")
     assert said.startswith(
         "translation in every direction cannot be determined (left open): "
         "all flange orientations"
     )
     known = replace(found, sd=open_sd / 1e6, rank=np.array(10))
-    assert explain(known, np.eye(3), still) == []
+    assert explain(known, np.eye(3), still, "flange") == []
 
 
 @pytest.mark.parametrize("k", range(3))
@@ -155,5 +155,5 @@ def test_turns_are_told_about_the_axis_they_are_about(k):
     named, small = f"about the flange's {'xyz'[k]}", f"{np.sqrt(2 / 7) * 5:.2g}"
     only = f"but for turns {named}, the orientations differ by only {small}°"
     for turned, why in ((one, f"all rotations are {named}"), (two, only)):
-        (said,) = explain(weak, np.eye(3), start @ rotations(turned))
+        (said,) = explain(weak, np.eye(3), start @ rotations(turned), "flange")
         assert said.endswith(f": {why}{tilt}")
