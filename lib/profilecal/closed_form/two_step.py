@@ -122,7 +122,7 @@ def check_fit(
         )
 
 
-def check_spread(spread_deg: float, what: str, so: str) -> None:
+def check_spread(spread_deg: np.floating, what: str, so: str) -> None:
     """Refuse data that spread by less than LEAST_TURN_DEG, or are not finite."""
     if not spread_deg >= LEAST_TURN_DEG:
         needed = f"at least {LEAST_TURN_DEG:g}° needed"

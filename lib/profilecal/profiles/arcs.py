@@ -118,6 +118,12 @@ class RodSections:
         def section_at(state: ndarray) -> Section:
             return Section(state[:2], state[2:], self.radius)
 
+        def off(state: ndarray) -> ndarray:
+            return section_at(state).off_and_normals(points)[0]
+
+        def derivatives(state: ndarray) -> ndarray:
+            return section_at(state).derivatives(points)
+
         centre, lean = near.centre, near.lean
         if not lean.any():  # by 30° towards the middle of the points, where it touches
             middle, tilt = points[len(points) // 2], np.radians(30)
@@ -125,9 +131,9 @@ class RodSections:
             centre = middle - self.radius / np.cos(tilt) * outwards
             lean = np.tan(tilt) * outwards
         fitted = least_squares(
-            lambda state: section_at(state).off_and_normals(points)[0],
+            off,
             np.concatenate([centre, lean]),
-            lambda state: section_at(state).derivatives(points),
+            derivatives,
             method="lm",
             x_scale="jac",
             ftol=1e-4,  # of the sum of squares: far below what noise changes

@@ -38,7 +38,7 @@ def present(profile: ndarray) -> ndarray:
     finite = np.isfinite(profile).all(axis=1)
     zero = z == 0
     real = np.flatnonzero(finite & ~zero)
-    if zero.any() and real.size:
+    if real.size:
         # above zero if the point before or the point after is far from a depth of zero
         far = np.interp(np.arange(len(z)), real, np.abs(z[real]) >= 1)
         zero &= far > 0
@@ -78,7 +78,7 @@ def tolerance(z: ndarray) -> float:
     one_sigma = int(0.68 * len(second))
     sigma = np.partition(second, one_sigma)[one_sigma] / np.sqrt(6)
     bends = second[second > 1e-6]
-    step = min(bends, default=0) if len(bends) > 10 else 0
+    step = bends.min() if len(bends) > 10 else 0
     limit = max(NOISE_LIMIT * sigma, 1.5 * step)
     return float(np.clip(limit, LEAST_TOLERANCE, LARGEST_TOLERANCE))
 

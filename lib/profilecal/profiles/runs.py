@@ -155,8 +155,6 @@ def run_through(profile: ndarray, rows: ndarray, limit: float) -> Run:
         rows = kept
     run = Run.through(profile, rows, limit)
     is_gap = np.diff(run.along) > LARGEST_GAP * run.spacing
-    if not is_gap.any():
-        return run
     # one point or two beside a gap are spikes that are on the line by chance
     parts = np.split(rows, np.flatnonzero(is_gap) + 1)
     kept = [part for part in parts if len(part) > 2]
