@@ -34,9 +34,7 @@ def check_array(
     instead, or with the first entry that is not finite, unless it may be.
     """
     try:
-        if isinstance(values, np.ma.MaskedArray):
-            values = np.ma.filled(values.astype(float), np.nan)
-        array = np.asarray(values, dtype=float)
+        array: ndarray = np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} is no array of numbers: {error}") from error
     fits = array.ndim == len(shape) and all(

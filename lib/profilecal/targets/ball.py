@@ -104,11 +104,13 @@ class Ball(Round):
         r.
 
         `side` (...): +1 where it lies towards the sensor's +y, else -1 (disk paper,
-        Section IV-A). A circle larger than the ball puts it into the scan plane.
+        Section IV-A). A circle larger than the ball puts it into the scan plane; what
+        is masked is NaN.
         """
         for other in np.setdiff1d(side, [-1, 1]):
             raise ValueError(f"a side is {other:g}; expected 1 or -1 for each circle")
-        x, z, r = np.moveaxis(np.asarray(circle, dtype=float), -1, 0)
+        circle = np.ma.filled(np.ma.asarray(circle, dtype=float), np.nan)
+        x, z, r = np.moveaxis(circle, -1, 0)
         y = side * np.sqrt(np.maximum(self.radius**2 - r**2, 0))
         return np.stack([x, y, z], axis=-1)
 

@@ -162,7 +162,10 @@ REFLECTED = R @ np.diag([1.0, 1.0, -1.0])
 EDGE_REFUSED = [
     ({"R_b": R[:0], "T_b": T[:0], "p_s": SEEN[:0]}, "poses: 0 given, at least 3"),
     ({"T_b": "here"}, "T_b is no array of numbers: could not convert"),
-    ({"T_b": np.ma.masked_greater(T, 0)}, r"T_b\[.*\] is nan; expected finite numbers"),
+    (
+        {"T_b": [*np.ma.masked_greater(T, 0)]},
+        r"T_b\[.*\] is nan; expected finite numbers",
+    ),
     ({"R_b": R.mT}, "the motions leave the pose open"),
     ({"p_s": SEEN / 25.4}, "the motions leave the pose open"),
 ]
@@ -196,6 +199,7 @@ BALL = Ball(np.zeros(3), radius=10.0)
 OF_BALL = {"R_tcp": R, "T_tcp": T, "q": SEEN}
 TWICE = OF_BALL | {"q": SEEN[[0, 1, 0, *range(3, 9)]]}
 BEHIND = OF_BALL | {"q": SEEN * [1, -1, 1]}
+MASKED = BALL.centre_from_circle(np.ma.masked_equal(np.eye(9, 3), 1), side=1)
 SWAPPED = OF_BALL | {"q": SEEN[[*range(5), 6, 5, 7, 8]]}
 T = OF_BALL["T_tcp"]
 STILL = OF_BALL | {"T_tcp": T[[0, 0, 0, 0, *range(4, 9)]]}
@@ -209,6 +213,7 @@ REFUSED = [
     *((solve_edge, OF_EDGE | change, sentence) for change, sentence in EDGE_REFUSED),
     *((solve_disk, OF_DISK | change, sentence) for change, sentence in DISK_REFUSED),
     *((solve_ball, given, "no sensor pose fits") for given in (TWICE, BEHIND, SWAPPED)),
+    (solve_ball, OF_BALL | {"q": MASKED}, r"q\[0, 0\] is nan; expected finite numbers"),
     (solve_ball, STILL, "differences of positions are parallel in the flange frame"),
     (solve_ball, ONE_WAY, "differences of positions are parallel in the flange frame"),
     (solve_ball, NO_TRANSLATION, "translating poses: 1 given, at least 3 needed"),
