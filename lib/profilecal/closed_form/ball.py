@@ -81,7 +81,7 @@ def solve_ball(R_tcp: ArrayLike, T_tcp: ArrayLike, q: ArrayLike) -> TwoStepSolut
     n = len(T_tcp)
     R_tcp = check_rotations("R_tcp", R_tcp, n)
     q = check_readings("q", q, (n, 3))
-    number = find_groups(R_tcp)
+    number = find_groups("R_tcp", R_tcp, None)
     is_still = number == np.bincount(number).argmax()
     still, turning = np.flatnonzero(is_still), np.flatnonzero(~is_still)
     check_count(

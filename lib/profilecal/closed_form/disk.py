@@ -71,16 +71,17 @@ def solve_disk(
     radius: float,
     R_sensor_guess: ArrayLike,
     *,
+    group: ArrayLike | None = None,
     heights: str = "regression",
 ) -> TwoStepSolution:
     """The sensor pose from a planar disk, of which n flange poses see one chord each.
 
-    The method of Chen et al. 2018: at three orientations or more, which differ by more
-    than 0.05°, the flange moves along a straight line over the disk. The chords of a
-    motion lie on an ellipse, which gives its sensing data (Eqs 4-13); those of all
-    motions give the rotation (Eqs 14-16), then the translation (Eqs 17-20). A motion
-    has three poses or more; their number and their steps may differ. Nothing tells how
-    well three chords fix the ellipse.
+    The method of Chen et al. 2018: at three orientations or more, the flange moves
+    along a straight line over the disk. The chords of a motion lie on an ellipse, which
+    gives its sensing data (Eqs 4-13); those of all motions give the rotation (Eqs
+    14-16), then the translation (Eqs 17-20). A motion has three poses or more; their
+    number and their steps may differ. Nothing tells how well three chords fix the
+    ellipse.
 
     Chords do not show whether the scanner looks forwards or backwards along its motion:
     `R_sensor_guess` tells. Rows may come in any order. As in the paper, Eq. 17 takes
@@ -97,6 +98,9 @@ def solve_disk(
     R_sensor_guess : array_like, (3, 3)
         The rotation from sensor to flange, roughly, from which follow the s_i of Eq. 3:
         1 where a motion goes towards the sensor's +y, else -1.
+    group : array_like, (n,), optional
+        Labels that poses of one motion share. Left out, orientations that agree within
+        0.05° are one motion.
     heights : str, optional
         "regression" or "published", see `chord_weights`.
 
@@ -143,7 +147,7 @@ def solve_disk(
         raise ValueError(f"radius is {radius:g}; expected a length in mm")
     guess = check_array("R_sensor_guess", R_sensor_guess, (3, 3))
     check_rotations("R_sensor_guess", guess[None], 1)
-    motions = motions_of(T_tcp, find_groups(R_tcp))
+    motions = motions_of(T_tcp, find_groups("R_tcp", R_tcp, group))
     check_motions(T_tcp, motions)
     R_tcp = R_tcp[[rows.min() for rows in motions]]
     check_orientations(R_tcp)
@@ -232,7 +236,7 @@ def check_motions(T_tcp: ndarray, motions: list[ndarray]) -> None:
             raise ValueError(
                 f"the positions at {name}, {length.min():.3g} mm from end to end, "
                 f"leave a line by more than {STRAIGHT:.0%} of that; expected a "
-                "straight motion at each orientation"
+                "straight motion (group tells several at one orientation apart)"
             )
 
 

@@ -80,14 +80,15 @@ def solve_edge(
     T_b: ArrayLike,
     p_s: ArrayLike,
     *,
+    group: ArrayLike | None = None,
     regression: bool = False,
 ) -> EdgeSolution:
     """The sensor pose from a straight edge, whose point in the scan n flange poses see.
 
-    Section 2 of the edge paper (Xu et al. 2021): differences within groups of poses,
-    whose orientations agree within 0.05°, fix the rotation (Eqs 5-27), differences
-    between groups then the translation (Eqs 28-35). Groups may be of any size: those of
-    three poses or more make up the rotation, all of them the translation.
+    Section 2 of the edge paper (Xu et al. 2021): differences within groups of poses of
+    one orientation fix the rotation (Eqs 5-27), differences between groups then the
+    translation (Eqs 28-35). Groups may be of any size: those of three poses or more
+    make up the rotation, all of them the translation.
 
     Rows may come in any order. As in the paper, Eq. 5 takes differences from a group's
     first row: with noise, another row in its place gives another answer, about as far
@@ -99,6 +100,9 @@ def solve_edge(
         Flange poses in the base frame, mm: at least three orientations.
     p_s : array_like, (n, 2)
         The edge's point in the sensor frame from each pose, x and z, mm.
+    group : array_like, (n,), optional
+        Labels that poses of one orientation share. Left out, orientations that agree
+        within 0.05° form a group.
     regression : bool, optional
         Whether points are first smoothed inside their group: there the sensed point is
         an affine function of the flange position.
@@ -138,7 +142,7 @@ def solve_edge(
     n = len(T_b)
     R_b = check_rotations("R_b", R_b, n)
     p_s = check_readings("p_s", p_s, (n, 2))
-    index, present = group_members(find_groups(R_b))
+    index, present = group_members(find_groups("R_b", R_b, group))
     why = "pairs of their differences fix the rotation"
     check_count("poses of an orientation", present.shape[1], 3, why)
     R, T, points = R_b[index[:, 0]], T_b[index], p_s[index]

@@ -1,18 +1,27 @@
-"""Poses in groups of one flange orientation, laid out as arrays."""
+"""Poses in groups of one flange orientation, found or stated, laid out as arrays."""
 
 import numpy as np
 from numpy import ndarray
+from numpy.typing import ArrayLike
 
 from profilecal.geometry.checks import check_count
-from profilecal.geometry.poses import rotation_groups
+from profilecal.geometry.poses import check_alike, rotation_groups
 
 
-def find_groups(R: ndarray) -> ndarray:
-    """The number (n,), from 0, of the group that each orientation R (n, 3, 3) is in:
-    those that agree within 0.05° form one.
+def find_groups(name: str, R: ndarray, group: ArrayLike | None) -> ndarray:
+    """The number (n,), from 0, of the group that each orientation R (n, 3, 3) is in.
+
+    Without `group`, orientations that agree within 0.05° form one; else it has the
+    user's labels (n,). Raises ValueError for another shape, or where orientations of
+    one label differ by more than 1°. `name` is the argument that holds R.
     """
     check_count("poses", len(R), 3, "three orientations fix the translation")
-    return rotation_groups(R)
+    if group is None:
+        return rotation_groups(R)
+    labels = np.asarray(group)
+    if labels.shape != (len(R),):
+        raise ValueError(f"group has shape {labels.shape}; expected ({len(R)},)")
+    return check_alike(name, R, labels)
 
 
 def group_members(number: ndarray) -> tuple[ndarray, ndarray]:

@@ -23,10 +23,10 @@ def data(scene):
 
 
 def solve(scene, **choices):
-    """`solve_edge` of a scene."""
+    """`solve_edge` of a scene with its groups known."""
     seen = observations_of(scene)
     rows = seen.R_flange[0], seen.T_flange[0], seen.points[0, :, 0]
-    return solve_edge(*rows, **choices)
+    return solve_edge(*rows, group=seen.group, **choices)
 
 
 def all_pairs(R_b, T_b, p_s):

@@ -100,10 +100,12 @@ def test_an_edge_seen_in_uneven_groups_is_solved_as_all_pairs_say(sizes):
     R_b, T_b, p_s, group = edge_rows()
     rows = default_rng(3).permutation(uneven(group, sizes))
     R_sensor, T_sensor, p = all_pairs(R_b[rows], T_b[rows], p_s[rows], group[rows])
-    found = solve_edge(R_b[rows], T_b[rows], p_s[rows])
-    assert_allclose(found.R_sensor, R_sensor, rtol=0, atol=1e-9)
-    assert_allclose(found.T_sensor, T_sensor, rtol=0, atol=1e-7)
-    assert_allclose(found.p_b, p + R_b[rows] @ T_sensor, rtol=0, atol=1e-7)
+    names = np.array([f"g{number:02}" for number in group[rows]])
+    for given in ({}, {"group": names}):
+        found = solve_edge(R_b[rows], T_b[rows], p_s[rows], **given)
+        assert_allclose(found.R_sensor, R_sensor, rtol=0, atol=1e-9)
+        assert_allclose(found.T_sensor, T_sensor, rtol=0, atol=1e-7)
+        assert_allclose(found.p_b, p + R_b[rows] @ T_sensor, rtol=0, atol=1e-7)
 
 
 def test_matrices_printed_to_four_decimals_form_groups_too():
@@ -117,16 +119,19 @@ def test_matrices_printed_to_four_decimals_form_groups_too():
 
 @pytest.mark.parametrize("heights", ["published", "regression"])
 def test_a_disk_without_noise_is_exact_in_any_order_and_with_any_steps(heights):
-    """Of poses and of the tips of each chord, by a rough guess."""
+    """Of poses and of the tips of each chord, by a rough guess, in groups that are
+    given or found.
+    """
     rng = default_rng(7)
     for seed in range(20):
         scene = random_scene("disk", default_rng(seed))
-        R, T, chords, _ = arrays(scene)
+        R, T, chords, group = arrays(scene)
         rows = rng.permutation(len(T))[:100]
         swapped = rng.integers(2, size=(100, 1, 1))
         tips = np.where(swapped, chords[rows, ::-1], chords[rows])
+        known = {"heights": heights, "group": group[rows] if seed % 2 else None}
         guess = scene.R_sensor @ rotations([0.1, -0.05, 0.15])
-        found = solve_disk(R[rows], T[rows], tips, 50, guess, heights=heights)
+        found = solve_disk(R[rows], T[rows], tips, 50, guess, **known)
         assert off(found, scene) < 1e-7
 
 
@@ -156,7 +161,7 @@ def test_a_batch_takes_its_poses_in_any_order_and_finds_their_groups(kind, regre
 
 
 DISK = random_scene("disk", default_rng(1))
-R, T, SEEN, _ = edge_rows()
+R, T, SEEN, GROUP = edge_rows()
 OF_EDGE = {"R_b": R, "T_b": T, "p_s": SEEN}
 REFLECTED = R @ np.diag([1.0, 1.0, -1.0])
 EDGE_REFUSED = [
@@ -166,6 +171,8 @@ EDGE_REFUSED = [
         {"T_b": [*np.ma.masked_greater(T, 0)]},
         r"T_b\[.*\] is nan; expected finite numbers",
     ),
+    ({"group": [1, 2]}, r"group has shape \(2,\); expected \(\d+,\)"),
+    ({"group": 0 * GROUP}, r"R_b\[\d+\] differs from R_b\[0\], which has the same l"),
     ({"R_b": R.mT}, "the motions leave the pose open"),
     ({"p_s": SEEN / 25.4}, "the motions leave the pose open"),
 ]
