@@ -56,6 +56,18 @@ def with_values(scan, change, poses=None):
     return replace(scan, values=tuple(values))
 
 
+def deformed(A, shift=0):
+    """What makes a scan of which each profile's (x, z) are times a matrix (2, 2), and
+    shifted.
+    """
+    return lambda scan: with_values(scan, lambda rows: rows @ np.array(A) + shift)
+
+
+def moved(scan, shifts):
+    """The scan with the flange's positions (P, 3) shifted in the base frame."""
+    return replace(scan, p_base_flange=scan.p_base_flange + shifts)
+
+
 def few(scan, poses):
     """Some poses of a scan, by number."""
     arrays = "R_base_flange", "p_base_flange", "side", "group", "times"

@@ -1,10 +1,8 @@
 """`profilecal check-mount`: its verdict, its exit status, its log."""
 
-from dataclasses import replace
-
 import numpy as np
 from command import run
-from simulated import scan_of
+from simulated import moved, scan_of
 
 import profilecal as pc
 from profilecal_tool.words import mount_check_lines
@@ -42,8 +40,7 @@ def test_a_log_has_a_row_a_day_and_a_picture(tmp_path):
 def test_where_the_target_moved_nothing_is_said_of_the_sensor():
     again = scan_of("ball", seed=1, groups=10, scan=2)
     found = pc.calibrate(scan_of("ball", seed=1, groups=10))
-    moved = replace(again, p_base_flange=again.p_base_flange - 1.0)
-    check = pc.check_mount(found, moved)
+    check = pc.check_mount(found, moved(again, -1.0))
     assert check.suspects == ("target",)
     assert "as if" not in dict(mount_check_lines(check, "ball"))
 

@@ -118,10 +118,6 @@ def test_a_scan_that_shows_nothing_is_refused(entries, change, sentence):
         pc.calibrate(blind)
 
 
-def noted_roughly(scan):
-    return with_values(scan, lambda rows: rows.round(2))
-
-
 def test_measurements_given_twice_are_refused_and_what_coincides_by_chance_is_not(
     tmp_path,
 ):
@@ -148,7 +144,7 @@ def test_measurements_given_twice_are_refused_and_what_coincides_by_chance_is_no
     with pytest.raises(pc.ScanError, match="scan 1 holds measurements twice"):
         pc.calibrate(pc.Scan.of("ball", poses, arcs=arcs, radius=25))
     scans = [scan_of("edge", seed=1, scan=number, repeats=3) for number in (1, 2)]
-    check_different([*map(noted_roughly, scans)])
+    check_different([with_values(scan, lambda rows: rows.round(2)) for scan in scans])
 
 
 def test_a_part_of_a_large_scan_is_known_by_its_sample():

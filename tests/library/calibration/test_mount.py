@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from simulated import squared_error, with_values
+from scipy.spatial.transform import RigidTransform
+from simulated import deformed, moved, squared_error
 
 import profilecal as pc
 from profilecal.geometry.poses import homogeneous, rotations
@@ -22,8 +23,7 @@ def near(pose, seed, sd_mm=15.0, sd_deg=8.0):
 
 
 def of_a_tool(scan):
-    z_of_flange = scan.R_base_flange[:, :, 2]
-    return replace(scan, p_base_flange=scan.p_base_flange + 180 * z_of_flange)
+    return moved(scan, 180 * scan.R_base_flange[:, :, 2])
 
 
 def in_a_user_frame(scan):
@@ -39,15 +39,12 @@ def in_a_user_frame(scan):
 WRONG = {
     "the poses were of a tool whose axes are at about ": of_a_tool,
     "the poses were in a user frame whose axes are at about ": in_a_user_frame,
-    "z of the profiles were negated": lambda scan: with_values(
-        scan, lambda rows: rows * [1, -1]
-    ),
-    "x and z of the profiles were exchanged": lambda scan: with_values(
-        scan, lambda rows: rows[:, ::-1]
-    ),
-    "z of the profiles were about +": lambda scan: with_values(
-        scan, lambda rows: rows + np.array([0, 130])
-    ),
+    "z of the profiles were negated": deformed(np.diag([1, -1])),
+    "x of the profiles were negated": deformed(np.diag([-1, 1])),
+    "x and z of the profiles were negated": deformed(-np.eye(2)),
+    "x and z of the profiles were exchanged": deformed(np.eye(2)[::-1]),
+    "z of the profiles were about +": deformed(np.eye(2), [0, 130]),
+    "the guess were of the flange in the sensor's frame": deformed(np.eye(2)),
 }
 
 
@@ -56,6 +53,8 @@ def test_what_no_residual_shows_is_named_beside_a_guess(words):
     mount = "eye-to-hand" if "user frame" in words else "eye-in-hand"
     scan, truth = pc.simulate("edge", seed=3, groups=12, positions=3, mount=mount)
     wrong, guess = WRONG[words](scan), near(truth.pose, 3)
+    if "guess" in words:
+        guess = np.linalg.inv(guess)
     silent = pc.calibrate(wrong)
     assert (silent.status, silent.messages) == ("ok", ())
     found = pc.calibrate(wrong, guess)
@@ -96,7 +95,7 @@ PARTS = [
 @pytest.mark.parametrize(("sd", "words", "good"), PARTS)
 def test_a_guess_of_which_only_a_part_is_said_counts_with_that(sd, words, good):
     scan, truth = pc.simulate("edge", seed=3, groups=12, positions=3)
-    guess = near(truth.pose, 3)
+    guess = RigidTransform.from_matrix(near(truth.pose, 3))
     right = pc.calibrate(scan, guess, sd)
     assert (right.status, right.messages) == ("ok", ())
     assert_allclose(right.pose, pc.calibrate(scan).pose, atol=1e-9)
@@ -111,10 +110,11 @@ def test_how_good_a_guess_is_counts_whoever_has_the_guess():
     roughly = replace(scan, guess=off, guess_sd=(50, 8))
     assert pc.calibrate(roughly).status == "ok"
     assert pc.calibrate(roughly, guess_sd=(0.5, 8)).status == "weak"
-    for guess, sd, sentence in (
-        (None, (0.5, 8), "but no guess is given"),
-        (off, (0.0, 8.0), "expected mm and degrees above 0"),
-        (off, (15.0, np.nan), "expected mm and degrees above 0"),
+    for scans, guess, sd, sentence in (
+        ([], None, None, "no scans given; expected at least one"),
+        (scan, None, (0.5, 8), "but no guess is given"),
+        (scan, off, (0.0, 8.0), "expected mm and degrees above 0"),
+        (scan, off, (15.0, np.nan), "expected mm and degrees above 0"),
     ):
         with pytest.raises(ValueError, match=sentence):
-            pc.calibrate(scan, guess, sd)
+            pc.calibrate(scans, guess, sd)

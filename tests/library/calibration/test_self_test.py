@@ -42,14 +42,12 @@ def test_patterns_of_scans_as_the_model_has_them_are_standard_normal(kind):
     assert 0.6 < np.mean(squares) < 1.5  # of some eight independent ones in each
 
 
-def scaled(scan):
-    return replace(scan, p_base_flange=1.01 * scan.p_base_flange, noise={})
-
-
 # a plane of 20 poses hardly shows a scale
 @pytest.mark.parametrize("kind", ["edge", "plane"])
 def test_a_fault_that_the_model_does_not_have_is_named(kind):
-    found = pc.calibrate(scaled(scan_of(kind, seed=3, noise=ERRING, **PLANS[kind])))
+    scan = scan_of(kind, seed=3, noise=ERRING, **PLANS[kind])
+    scaled = replace(scan, p_base_flange=1.01 * scan.p_base_flange, noise={})
+    found = pc.calibrate(scaled)
     test = pc.self_test(found, 10)
     assert "too far apart by" in test.strange[0]
     assert f"do not look like theirs, but as if {test.strange[0]}" in test.sentence

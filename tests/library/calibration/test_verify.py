@@ -31,12 +31,7 @@ def untold(kind, **entries):
 
 def answer_of(calibration, mm=(0, 0, 0), deg=(0, 0, 0)):
     """What a calibration states, of a pose that is wrong by so much."""
-    return pc.Answer(
-        pose=wrong_by(calibration.pose, mm, deg),
-        covariance_total_mm_deg=calibration.covariance_total_mm_deg,
-        noise_mm=calibration.noise_mm,
-        mount=calibration.mount,
-    )
+    return replace(calibration.answer, pose=wrong_by(calibration.pose, mm, deg))
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,6 @@ import profilecal as pc
             "[noise]\nprofile = 1",
             "unknown entry 'profile' in [noise]; there are profile_mm",
         ),
-        ("noise = 1", "noise is 1; expected a table"),
         (
             "[robot]\njoint_deg = -1",
             "joint_deg is -1 in [robot]; expected zero, or",
@@ -29,7 +28,7 @@ import profilecal as pc
             'poses = "poses.csv"\n[guess]\ntarget = [1, 2, 3]',
             "mount is missing in [guess]; expected 6 numbers",
         ),
-        ("kind = ", "spec.toml: Invalid value"),
+        ("kind = ", "Invalid value"),
         ('kind = "point"\n[motion]', "a point is not swept; leave [motion] out"),
     ],
 )
@@ -37,7 +36,7 @@ def test_a_wrong_specification_is_refused(tmp_path, text, sentence):
     (tmp_path / "spec.toml").write_text(text)
     result = run("simulate", tmp_path / "spec.toml", tmp_path / "scan")
     assert result.exit_code == 2
-    assert f"spec.toml: {sentence.removeprefix('spec.toml: ')}" in result.output
+    assert f"spec.toml: {sentence}" in result.output
     assert not (tmp_path / "scan").exists()
 
 
