@@ -413,7 +413,7 @@ POSES = {
 PROFILES = {
     "with gaps": each(nothing=""),
     "unseen at first": every("s{}.csv", unseen_at_first),
-    "codes in um": each("{}.csv", "x [um],z [um]", scale=1000, nothing="0,-999999"),
+    "codes in um": each("{}.csv", "x [um],z [um]", scale=1000, nothing="0,-32.768"),
     "lists": every("p{}.yml", opencv_list),
     "archives": every("{}.npz", archive),
     "surfaces": every("s{}.csv", surface),

@@ -212,7 +212,7 @@ def lists_among(columns: Iterable[Column]) -> dict[str, list[Column]]:
     """Columns that are numbered behind one name, by the name; "" for none."""
     lists = defaultdict(list)
     for column in columns:
-        if np.isfinite(title_number(column.title)):
+        if np.isfinite(cell_number(column.title)):
             lists[""].append(column)
         elif match := NUMBERED.fullmatch(column.name):
             lists[match[1]].append(column)
@@ -275,11 +275,6 @@ def label_of(cell: Any) -> str:
 def counted(count: int) -> list[str]:
     """Titles for columns that have none."""
     return [str(k + 1) for k in range(count)]
-
-
-def title_number(title: str) -> float:
-    """The number that stands in place of a title, infinity for a word."""
-    return cell_number(title.replace(",", "."))
 
 
 def column_titled(at: int, title: str) -> Column:

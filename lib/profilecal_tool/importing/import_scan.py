@@ -110,6 +110,9 @@ def read_folder(
     counts = [*map(len, profiles)]
     if is_both and sum(counts) == rows:  # the pose of each profile's first row
         poses = poses.rows_at(np.cumsum([0, *counts[:-1]]))
+    called = f"{poses.called} {profiles.name}".strip()
+    if layout.entry.lower() not in called.lower():
+        raise ScanError(f"{folder}: no entry {layout.entry}; those read are {called}")
     return poses, profiles, every
 
 
@@ -214,22 +217,9 @@ def which_hold_what(
     of_points = of_points or [n for n in unclear if n != pose]
     if not of_points and points_of_file(first[pose], layout):
         of_points = [pose]
-    what = "holds the profiles"
+    what = "holds the profiles (a pattern takes several)"
     profile = layout.profiles or one_or_ask(folder, of_points, what, "profiles")
-    check_entry(folder, first[pose], first[profile], layout)
     return pose, profile
-
-
-def check_entry(
-    folder: Path, of_poses: list[Block], of_profiles: list[Block], layout: Layout
-) -> None:
-    """Raise ScanError where neither poses nor profiles are called as the entry says."""
-    parts = poses_in(of_poses, layout.pose_columns)
-    parts += points_of_file(of_profiles, layout)
-    called = {part.called for part in parts}
-    if called and not any(layout.entry.lower() in name.lower() for name in called):
-        known = f"the entries are {listed(sorted(called - {''}))}"
-        raise ScanError(f"{folder}: no entry {layout.entry}; {known}")
 
 
 def check_one_profile_a_pose(

@@ -45,7 +45,9 @@ def nested_blocks(path: Path, text: str) -> Iterator[Block]:
             documents = [one for one in every if isinstance(one, (list, dict))]
         except (yaml.YAMLError, json.JSONDecodeError) as error:
             words = " ".join(str(error).split())
-            raise ScanError(f"{path}: {words}; is the file cut short?") from error
+            raise ScanError(
+                f"{path}: {words}; is it cut short, or a list without [ ]?"
+            ) from error
         rows = documents[0] if len(documents) == 1 else documents
         yield from blocks_within(path, rows)
 

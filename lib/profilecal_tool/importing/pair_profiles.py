@@ -91,7 +91,9 @@ def paired_in_order(
             title = poses.title(column)
             sentence = f"{title} goes up and down, and profiles have no such number"
             raise ScanError(f"{poses.path}: {sentence}; sort the rows, or name files")
-    return Pairing(rows, "in order of the moves" if driven else "in order")
+    return Pairing(
+        rows, "in order of the lines that use them" if driven else "in order"
+    )
 
 
 class Match(NamedTuple):

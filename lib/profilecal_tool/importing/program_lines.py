@@ -35,8 +35,9 @@ def expression_of(line: str) -> re.Pattern:
             parts.append(SIGNS.get(token) or rf"\s*{re.escape(token)}\s*")
     if token[0] == "$":  # the last token: what it finds is a whole word
         parts.append(r"(?!\w)")
-    # without blank lines above, which would give another line number
-    expression = "".join(parts).removeprefix(r"\s*")
+    # without blank lines above, which would give another line number, and without
+    # the next line's blanks, from which a ^ would not find its beginning
+    expression = "".join(parts).removeprefix(r"\s*").removesuffix(r"\s*")
     return re.compile(f"(?im){expression}")
 
 

@@ -91,18 +91,16 @@ def is_readable(path: Path) -> bool:
     return is_text or path.suffix.lower() in BINARY | SHEETS
 
 
-def dialect(text: str) -> tuple[str | None, str]:
-    """What stands between columns (None: spaces), and the decimal mark: that of
-    "1;2,5" is a comma, and so it is of "1,5 2,5", with one before and one behind a
-    space.
+def mark_between(text: str) -> str | None:
+    """What stands between columns (None: spaces). Commas are decimal ones in "1;2,5",
+    and in "1,5 2,5", with one before and one behind a space.
     """
     rows = [line for line in text.splitlines() if re.search(r"\d", line)]
     most = len(rows) / 2
     mark = next((m for m in ";\t|," if sum(m in row for row in rows) > most), None)
     if mark == "," and re.search(r"\d,\d+[ ]+[-+]?\d+,\d", text):
         mark = None
-    has_commas = mark != "," and re.search(r"\d,\d", text)
-    return mark, "," if has_commas else "."
+    return mark
 
 
 def runs_of_lines(
@@ -136,25 +134,23 @@ def cells_of(lines: Iterable[bytes], between: bytes | None) -> list[list[str]]:
     return [[c.decode(errors="ignore").strip(EDGES) for c in row] for row in rows]
 
 
-def row_where_numbers_begin(rows: list[list[str]], decimal: str) -> int | None:
-    """The first row of numbers; None if there is none. It has two numbers, or one and
-    no word; and no word of it stands above a number, if it is not below titles, where
-    it is a label. A row of nothing but NaN just above belongs to it.
+def row_where_numbers_begin(rows: list[list[str]]) -> int:
+    """The first row of numbers; their end if there is none. It has two numbers, or one
+    and no word; and no word of it stands above a number, if it is not below titles,
+    where it is a label. Rows of nothing but NaN just above belong to it.
     """
     # NaN for nothing, infinity for a word
-    values = [[cell_number(c.replace(decimal, ".")) for c in row] for row in rows]
-    blanks_from = None
+    values = [[*map(cell_number, row)] for row in rows]
+    first = 0  # behind the last row that is none of numbers
     for k, row in enumerate(values):
         words, numbers = np.isinf(row), np.isfinite(row)
         is_title = k + 1 < len(values) and (words & np.isfinite(values[k + 1])).any()
-        is_title &= not (k and np.isinf(values[k - 1]).all())  # titles stand above it
-        if not is_title and numbers.sum() > words.any():
-            return k if blanks_from is None else blanks_from
+        is_below_titles = k and np.isinf(values[k - 1]).all()
+        if (is_below_titles or not is_title) and numbers.sum() > words.any():
+            return first
         if words.any() or not any(rows[k]):
-            blanks_from = None
-        elif blanks_from is None:
-            blanks_from = k
-    return blanks_from
+            first = k + 1
+    return first
 
 
 def titles_in(rows: list[list[str]]) -> list[str]:
@@ -173,16 +169,17 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     What goes on without titles below a remark or blank lines has those above. Raises
     ScanError for a row that lost a field.
     """
-    mark, decimal = dialect(content[:BEGIN].decode(errors="ignore"))
+    mark = mark_between(content[:BEGIN].decode(errors="ignore"))
     between = mark and mark.encode()
-    marks = {"sep": mark or r"\s+", "decimal": decimal}
+    if mark != ",":  # decimal commas become points, which are as long
+        content = re.sub(rb"(?<=\d),(?=\d)", b".", content)
     stream = BytesIO(content)
     above, end_above = [], 0  # titles above, and the end of the last table under them
     for begin, end, offset in runs_of_lines(path, content, between):
         stream.seek(offset)
         rows = cells_of(islice(stream, min(end - begin, HEAD)), between)
-        first = row_where_numbers_begin(rows, decimal)
-        if first is None:
+        first = row_where_numbers_begin(rows)
+        if first == len(rows):
             continue
         count = len(rows[0])
         titles = titles_in(rows[:first]) or (above if count == len(above) else [])
@@ -202,7 +199,7 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
             dtype=dict.fromkeys(labels, str),  # text, for 1.10 is not 1.1
             skiprows=first,
             nrows=end - begin - first,
-            **marks,
+            sep=mark or r"\s+",
             **AS_IT_IS,
         )
         table.index += begin + first + 1

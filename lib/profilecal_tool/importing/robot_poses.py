@@ -105,7 +105,7 @@ def check_whose(poses: Part, entry: str) -> None:
         raise Question(sentence, entry=poses.called)
     called = f"{poses.path.name} {poses.called}".strip()
     if any(word in called.lower() for word in WORDS["inverse"]):
-        found = f"{called} is called as the inverse: invert or rename"
+        found = f"{called} may be the inverse: invert it, or rename it"
         raise ScanError(f"{poses.path.parent}: {found}")
     # a second x or z may be a profile's
     for column in poses.having("y", *poses.convention.columns):
@@ -117,8 +117,11 @@ def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
     """Why there are no poses in a file. Behind a position, or three numbers, three are
     likely W, P, R, and four of unit length a quaternion.
     """
+    blocks = [block for block in blocks if block.kind == "pose"]  # not tools
     if not blocks or any(block.having("joint") for block in blocks):
-        hint = "joint angles are none: export Cartesian poses"
+        hint = (
+            "joint angles are none: export Cartesian poses; or --pose-columns says them"
+        )
         return ScanError(f"{path}: no poses; {hint}")
     block = max(blocks, key=lambda block: len(block.columns))
     numeric = block.table.apply(to_numeric, errors="coerce").dropna(axis=1, how="all")
@@ -129,7 +132,7 @@ def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
     if len(turn) == 3:
         roles, unit = FANUC, likely_angle(numbers)
     elif len(turn) == 4 and np.allclose(np.linalg.norm(numbers, axis=1), 1, atol=0.01):
-        roles = OF_ABB if turn[0].name == "q1" else OF_LIBRARIES
+        roles = OF_ABB if turn[0].name in ("q0", "q1") else OF_LIBRARIES
     if roles and [c.role for c in places] in ([*XYZ], 3 * [""]):
         likely = likely_columns(places, XYZ, "") | likely_columns(turn, roles, unit)
     sentence = f"no pose in {said}" if said else "what are they?"

@@ -11,7 +11,7 @@ from numpy import ndarray
 from pandas import Series
 
 from profilecal.geometry.checks import FARTHEST_MM, READINGS_MM
-from profilecal.scan.tables import ScanError, listed
+from profilecal.scan.tables import ScanError, cell_number, listed
 from profilecal_tool.importing.blocks import (
     LARGEST_POSE,
     Block,
@@ -21,7 +21,6 @@ from profilecal_tool.importing.blocks import (
     column_titled,
     label_of,
     parts_called,
-    title_number,
 )
 from profilecal_tool.importing.makers import (
     LENGTH_UNITS,
@@ -47,14 +46,18 @@ X_ABOVE = (
 
 def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     """A block with a point in each row, of one with a profile in each; what stands
-    beside is repeated. Raises ScanError where x is nowhere.
+    beside is repeated. Raises ScanError where x is nowhere, or in rows of its own.
     """
     x, z = block.having("x"), block.having("z")
     if len(z) <= LARGEST_POSE:
         return block
+    beside = [column for column in block.columns if column not in (*x, *z)]
+    for column in beside:
+        if {"x", "z"} <= {str(cell).lower() for cell in block.table[column.at]}:
+            sentence = f"by column {column.title}, rows are of x and of z by turns"
+            raise ScanError(f"{block.path}: {sentence}; give columns x1, z1, x2, z2, …")
     heights = block.numbers(z, blank=True)
     places = np.broadcast_to(places_of(block, x, z, layout), heights.shape)
-    beside = [column for column in block.columns if column not in (*x, *z)]
     rows = block.table[[column.at for column in beside]]
     table = rows.loc[rows.index.repeat(len(z))]
     further = {
@@ -76,7 +79,7 @@ def places_of(
     """
     if len(x) == len(z):
         return block.numbers(x, blank=True)
-    places = np.array([title_number(column.title) for column in z])
+    places = np.array([cell_number(column.title) for column in z])
     if np.isfinite(places).all() and not block.is_bare:
         return places
     start_and_pitch = layout.x
@@ -142,8 +145,8 @@ def points_of_file(blocks: list[Block], layout: Layout) -> list[Part]:
 
 def read_profiles(files: Files, stops: int, layout: Layout, taken: Taken) -> Series:
     """The points (n, 2) mm of each profile, NaN where nothing was seen, under its name,
-    "" if it has none. `stops`: how many profiles one file should have, 0 where that is
-    not known; a file among several has one.
+    "" if it has none; the whole is called as points are. `stops`: how many profiles one
+    file should have, 0 where that is not known; a file among several has one.
 
     Raises ScanError.
     """
@@ -177,7 +180,8 @@ def read_profiles(files: Files, stops: int, layout: Layout, taken: Taken) -> Ser
     units = {column.unit for part in parts for column in part.chosen.values()}
     xz = in_mm(Path(commonpath(files)), xz, units, layout, taken)
     values = np.split(xz, np.cumsum(counts)[:-1])
-    return Series(values, names if is_alone else names_of(files))
+    names = names if is_alone else names_of(files)
+    return Series(values, names, name=first.called)
 
 
 def profile_of_each_row(block: Part, expected: int) -> tuple[ndarray, list[str]]:
@@ -304,7 +308,7 @@ def check_size(path: Path, xz: ndarray, scale: float, is_said: bool) -> None:
     is_narrow = 0 < width < NARROW_MM and not is_said
     if is_narrow or not READINGS_MM[0] <= largest <= FARTHEST_MM:
         sentence = f"{width:.4g} mm wide, up to {largest:.4g} mm away"
-        hint = "the unit, or a code for nothing seen (--missing)?"
+        hint = "the unit (of x and of z?), or a code for nothing seen (--missing)?"
         usual = np.log(LIKELY_MM / largest * scale)  # of the unit, in mm
         likely = min(LENGTH_UNITS, key=lambda u: abs(np.log(LENGTH_UNITS[u]) - usual))
         raise Question(f"{path}: {sentence}; is it {hint}", unit=likely)

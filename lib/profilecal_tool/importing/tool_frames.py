@@ -8,7 +8,7 @@ from pandas import DataFrame
 
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import named, pose_matrices
-from profilecal.scan.tables import listed, naming
+from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.blocks import Block, Part, label_of
 from profilecal_tool.importing.makers import ROBOTS, WORDS
 from profilecal_tool.importing.questions import Layout, Question, Taken
@@ -28,25 +28,28 @@ def lines_of_program(blocks: Iterable[Block], maker: str) -> Program:
 
 
 def of_one_frame(
-    poses: Part, program: Program, which: str, layout: Layout, taken: Taken
+    poses: Part, program: Program, which: str, layout: Layout
 ) -> tuple[Part, str]:
     """The poses that have one tool or base, as programs and columns say, and its name,
-    "" if none is known; where lines name no poses, all have the one that a user says.
+    "" if none is known.
 
-    Raises Question where they have several.
+    Raises Question where they have several; ScanError where lines that name no pose do.
     """
-    # a pose's name, where a move says it, and its frame's
+    # a pose's name, "" where a line names none, and its frame's
     uses = [(row.get("name", ""), row.get(which, "")) for row in program["uses"]]
-    for column in poses.having(which):
-        uses += [("", label_of(cell)) for cell in poses.table[column.at]]
-    uses = [(pose, frame.lower()) for pose, frame in uses if frame]
+    uses = [(pose.lower(), frame.lower()) for pose, frame in uses if frame]
     option, said = layout.wanted
     if option == which:
-        others = {pose.lower() for pose, frame in uses if frame != said}
-        if "" in others:
-            taken["where"] = f"{said} for all poses: moves of others do not name theirs"
-        return without(poses, others), said
+        uses.append(("", said))
+    of_all = sorted({frame for pose, frame in uses if not pose})
+    if len(of_all) > 1:
+        sentence = f"no line says which poses are of {which} {' or '.join(of_all)}"
+        raise ScanError(f"{poses.path}: {sentence}; leave one program per {which}")
+    if option == which:
+        return without(poses, {pose for pose, frame in uses if frame != said}), said
     frames = [frame for _, frame in uses]
+    for column in poses.having(which):
+        frames += [label_of(cell).lower() for cell in poses.table[column.at]]
     names = [*dict.fromkeys(frames)]
     # what is offered first, of those used equally often: what a program's first move
     # has, or else the flange
@@ -72,8 +75,8 @@ def of_one_tool(
     """The poses of one tool, and its position and angles as they stand; None if it is
     the flange. Raises Question.
     """
-    poses, base = of_one_frame(poses, program, "base", layout, taken)
-    poses, used = of_one_frame(poses, program, "tool", layout, taken)
+    poses, base = of_one_frame(poses, program, "base", layout)
+    poses, used = of_one_frame(poses, program, "tool", layout)
     tool, words = None, "none; taken for the flange's poses"
     if layout.tool:
         tool, words = layout.tool, "the one given, taken off"

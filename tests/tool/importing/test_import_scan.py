@@ -175,6 +175,7 @@ FOLDERS |= {
     "in cm": (listed("x,y,z,a,b,c", scale=0.1), "up to 101.7; cm, in or mm"),
     "roll, pitch, yaw": (of_angles("x,y,z,r,p,y"), "what are they"),
     "q1 to q4": (listed("x,y,z,q1,q2,q3,q4", convention="quaternion"), "what are they"),
+    "q0 to q3": (listed("x,y,z,q0,q1,q2,q3", convention="quaternion"), "qw,qx,qy,qz"),
     "of tcp": (listed("x_tcp,y_tcp,z_tcp,a_tcp,b_tcp,c_tcp"), "poses of tcp"),
     "no titles": (of_angles("", scale=0.001, angle=np.pi / 180), "what are they"),
     "radians in files": (a_file_each, "rad or deg"),
@@ -254,11 +255,6 @@ FOLDERS |= {
         each("profile_{:03}.csv", begin=1),
         "number 1 in the names; left out, without a profile: ref, 0",
     ),
-    "an index without a title": (
-        upwards(",x,y,z,a,b,c", range(12)),
-        each("p{}.csv"),
-        "number 1 in the names",
-    ),
     "units below": (
         listed("Nr;X;Y;Z;A;B;C\n;[m];[m];[m];°;°;°", range(12), scale=1e-3),
         each("p{}.csv", "# x,z\r\n# mm,mm"),
@@ -294,7 +290,7 @@ FOLDERS |= {
     "sheets": (csv, sheets, "by Name and the names"),
     "driven backwards": (
         functools.partial(abb, backwards=True),
-        "in order of the moves",
+        "in order of the lines that use them",
     ),
     "an offset": (
         abb,
@@ -334,7 +330,12 @@ def test_a_folder_is_read_at_once_or_by_the_line_that_is_printed(name, tmp_path)
 
 # what else is said of folders, with options; … for anything, and no line behind \n
 
-FRAMES = """[*SYSTEM*]$MNUFRAME  Storage: CMOS
+FRAMES = """[*POSREG*]$POSREG  Storage: SHADOW
+[1,3] =   'HOME'
+  Group: 1   Config: N U T, 0, 0, 0
+  X: 900.0 Y: 0.0 Z: 700.0
+  W: 180.0 P: 0.0 R: 0.0
+[*SYSTEM*]$MNUFRAME  Storage: CMOS
 [1,3] =
   Group: 1
   X: 7.0 Y: -35.0 Z: 180.0
@@ -406,9 +407,10 @@ SAID = {
         a_file("SYSFRAME.VA", FRAMES),
         "3 at [12.0, -35.0, 180.0], taken off",
     ),
-    "a tool before the first move": (
+    "moves that name no poses": (
         a_file("scan.pcs", DENSO),
-        "are the poses?… --where tool=1",
+        "--where tool=2",
+        "no line says which poses are of tool 0 or 1 or 2; leave one program per tool",
     ),
     "two that moves have": (
         abb,
@@ -424,12 +426,12 @@ SAID = {
         "left out, without a pose: p10",
     ),
     "one that no move has": (abb, "--where tool=tool0", "no poses where tool=tool0"),
-    "moves that name no poses": (
+    "tools in a list": (
         kuka,
         one_each,
-        edited("scan.dat", "TOOL_NO 0", "TOOL_NO 1"),
+        edited("scan.dat", "FP5={TOOL_NO 0", "FP5={TOOL_NO 1"),
         "--where tool=0",
-        "0 for all poses: moves of others do not name theirs",
+        "left out, without a pose: scan_005",
     ),
     "a base in a list": (
         a_file("scan.dtx", ROBOTS["Stäubli"].examples[0]),
@@ -494,10 +496,17 @@ SAID = {
     ),
     "a word in heights": (
         tum,
-        heights(","),
-        edited("z.csv", "\n5,", "\noops,"),
+        heights(";", label="p"),
+        edited("z.csv", "\np5;", "\np5;oops"),
         "--x 0 2",
-        "z.csv line 7: column 1 is 'oops'",
+        "z.csv line 7: column 2 is 'oops",
+    ),
+    "x and z by turns": (
+        tum,
+        heights(",", label="p"),
+        edited("z.csv", "p1,", "X,"),
+        edited("z.csv", "p2,", "Z,"),
+        "by column 1, rows are of x and of z by turns",
     ),
     "a file of both": (tum, "--poses p*.tum --profiles *.tum", "no x and z in columns"),
     "rows": (tum, "--where y=0", "no rows where y=0; the columns are … x, z"),
@@ -521,7 +530,7 @@ SAID = {
     ),
     "one column": (tum, "--columns 2,2", "x and z are one column"),
     "four columns": (tum, "--columns _,x,z,_", "expected two"),
-    "entry": (tum, "--entry flnage", "no entry flnage; the entries are"),
+    "entry": (tum, "--entry flnage", "no entry flnage; those read are x,z"),
     "entry of profiles": (of_camera, "--entry x,z", "poses are of cam"),
     "zeros among points": (
         tum,
@@ -559,6 +568,7 @@ SAID = {
         a_file("tcp.csv", "j1,j2,j3,j4,j5,j6\n0,1,2,3,4,5"),
         "joint angles are none: export Cartesian poses",
     ),
+    "tools alone": (nothing, one_each, a_file("f.va", FRAMES), "no poses; "),
     "nothing": (nothing, nothing, "in: no files"),
     "no poses": (nothing, one_each, "no file holds the poses"),
     "nothing has titles": (
@@ -600,7 +610,7 @@ SAID = {
     ),
     "an inverse": (
         listed("x,y,z,a,b,c", name="base2flange.csv"),
-        "is called as the inverse",
+        "may be the inverse",
     ),
     "one of many files": (
         people.matrices("pose{}.txt"),
@@ -712,9 +722,8 @@ def test_each_line_of_the_table_has_an_example_that_is_read(maker):
 
 
 def test_a_pattern_takes_a_whole_name_and_stands_in_its_own_line():
-    table, _ = matches_of(["^$name MOVEX $x"], "7 10 MOVEX 3\n\n120 MOVEX 5")
-    assert table["name"].tolist() == ["10", "120"]
-    assert table.index.tolist() == [1, 3]
+    table, _ = matches_of(["^$name AT <$x>"], "7 10 AT <3>\n\n  120 AT <5>")
+    assert dict(table["name"]) == {1: "10", 3: "120"}
     table, _ = matches_of(["^$name $x $y …"], "7 400.5 3 2 1")
     assert table["name"].tolist() == ["7"]
     table, _ = matches_of(["{X $x}"], "home\n\n  {X 5}")
