@@ -19,10 +19,12 @@ To add one:
    function of `profiles` or stand in the same file. If it shows any number of points,
    write `points_seen`, and `meet` if a folder may hold what was measured of it instead.
 5. Name it in `TARGETS` of `targets/__init__.py`, and where kinds are listed for people:
-   `simulate`, `Scan.of`, data/README.md, the changelog; its class in `PUBLIC` of
-   `profilecal/__init__.py`.
+   `simulate`, `Scan.of`, `--target`, README, data/README.md, data/examples/edge.toml,
+   the changelog; its class in `PUBLIC` of `profilecal/__init__.py` and in its `.pyi`.
 6. Test it: `tests/library/targets/test_contract.py` runs every registered target
-   through what the library asks of it, its finder's covariance too.
+   through what the library asks of it, its finder's covariance too. Name it in the
+   tables of `tests/library/profiles/test_finders.py`, and in `KINDS` of
+   `tests/planned.py`.
 
 `tests/library/targets/test_new_target.py` adds one, a V-groove, and goes with it from
 raw profiles to a report. Nothing else decides on a target's kind, but for the papers'
