@@ -369,7 +369,7 @@ def plan(spec, folder, poses, until, within, of):
 
             task.write(designed, partial)
             save_plan(designed, partial / "plan.png")
-    lines = words.plan_lines(designed, of)
+    lines = words.plan_lines(designed)
     if not of:
         lines += words.steps(designed, spec, folder)
     echo("\n".join(lines))

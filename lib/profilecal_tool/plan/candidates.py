@@ -10,7 +10,7 @@ import numpy as np
 from numpy import ndarray
 from numpy.random import Generator
 
-from profilecal.geometry.poses import Frames, carry, inverse, rotations, unit
+from profilecal.geometry.poses import Frames, carry, rotations, unit
 from profilecal.scan.tables import ScanError
 from profilecal.simulation.scene import in_unit_ball
 from profilecal_tool.plan.scan_model import ScanModel, joined
@@ -105,9 +105,9 @@ def refused(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     sensor = model.T_sensor if model.to_hand else model.planes(R, T)[1]
     why = np.full(len(T), "", dtype=object)
 
-    tilt, spin, aside = off_square(model, R, T)
-    turned = (tilt > limits.tilt_deg) | (np.abs(spin) > limits.spin_deg)
-    why[turned | (aside > limits.extent_mm)] = "are tilted, turned or aside too far"
+    most = limits.tilt_deg, limits.spin_deg, limits.extent_mm
+    beyond = most < np.abs(off_square(model, R, T)).T
+    why[beyond.any(axis=1)] = "are tilted, turned or aside too far"
     for (*centre, radius), place in product(limits.avoid, (flange, sensor)):
         near = np.linalg.norm(place - centre, axis=-1) < radius
         why[near] = "are in a zone to avoid"
@@ -115,8 +115,10 @@ def refused(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     why[outside.any(axis=1)] = "are outside the box"
 
     left = np.flatnonzero(why == "")  # the next question takes the longest
-    lost = left[worst_clearance(model, R[left], T[left]) < 0]
-    why[lost] = "may lose the target from view if the guess is as wrong as stated"
+    inside = worst_clearance(model, R[left], T[left]) >= 0  # not where it is NaN
+    why[left[~inside]] = (
+        "may lose the target from view if the guess is as wrong as stated"
+    )
     return why
 
 
@@ -163,7 +165,7 @@ def worst_clearance(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     The scan plane y = 0 leaves the target by a shift along y and turns about x, which
     no sum of costs tells: these are tried together.
 
-    R (P, 3, 3) and T (P, 3) are flange poses. Returns (P,) mm; -inf where the target
+    R (P, 3, 3) and T (P, 3) are flange poses. Returns (P,) mm; NaN where the target
     may be missed.
     """
     margins = model.guess.margins if model.guess else np.zeros(4)
@@ -179,8 +181,8 @@ def worst_clearance(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     lowest = np.minimum(off[:11], off[11:])  # NaN if either is
     cost = np.maximum(exact - lowest[:9], 0).reshape(3, 3, *exact.shape)
     worst = exact - np.linalg.norm(cost, axis=1).sum(axis=0)
-    missed = np.isnan(worst + lowest[9:].sum(axis=0))
-    return np.where(missed, -np.inf, worst).min(axis=1)
+    worst += 0 * lowest[9:].sum(axis=0)  # NaN where the scan plane leaves the target
+    return worst.min(axis=1)
 
 
 def clearances(model: ScanModel, R: ndarray, T: ndarray, errors: ndarray) -> ndarray:
@@ -199,7 +201,7 @@ def clearances(model: ScanModel, R: ndarray, T: ndarray, errors: ndarray) -> nda
     shift, turn, target_turn = errors.reshape(-1, 3, 1, 3).swapaxes(0, 1)
     origin = model.target.frame[0]
     R_back = R_view @ rotations(-target_turn)
-    T_back = carry(R_back, origin, shift - carry(*inverse(R_view, T_view), origin))
+    T_back = carry(R_back, origin, shift - np.vecmat(origin - T_view, R_view))
     turned = (R_back @ rotations(turn)).reshape(-1, 3, 3)
     points = model.points_seen(turned, T_back.reshape(-1, 3), 5)
     points = points.reshape(*T_back.shape[:2], *points.shape[1:])

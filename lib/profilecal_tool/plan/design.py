@@ -24,6 +24,7 @@ from profilecal.scan.tables import ScanError
 from profilecal.simulation.sweeps import Motion, drive, half_way, straight
 from profilecal_tool.plan.candidates import BEYOND, draw, neighbours, refused
 from profilecal_tool.plan.scan_model import (
+    Limits,
     Prediction,
     ScanModel,
     each_alone,
@@ -52,7 +53,8 @@ class Plan:
     R: ndarray  # (P, 3, 3)
     T: ndarray  # (P, 3) mm
     predicted: Prediction
-    wanted_sd: Sequence[float] = USUAL_SD  # mm and degrees
+    # mm and degrees; of given poses nothing is wanted
+    wanted_sd: Sequence[float] = (np.inf, np.inf)
     enough_poses: int = 0  # like these, 0: not even ten times as many
     is_first_step: bool = False
     speed: float = 0.0  # mm/s
@@ -174,18 +176,23 @@ def exchanged(pool: Pool, chosen: Chosen) -> Chosen:
 
 
 def fitted(
-    pool: Pool, chosen: Chosen, most: int, suffice: Callable[[Chosen], bool]
+    pool: Pool, chosen: Chosen, limits: Limits, lacks: Callable[[Chosen], float]
 ) -> Chosen:
-    """A plan with whatever helps most, until its poses suffice or are so many; then
-    without those that it does not take.
+    """A plan with whatever helps most, until its poses are as many as asked for or lack
+    nothing; then without those that it does not take.
     """
+
+    def suffice(some: Chosen) -> bool:
+        return bool(some) and not limits.poses and lacks(some) <= 1
+
+    most = limits.poses or limits.most
     for _ in watched(range(len(chosen), most), "choosing poses"):
-        if chosen and suffice(chosen):
+        if suffice(chosen):
             break
         chosen = added(pool, chosen)
     for pose in chosen:
         fewer = [other for other in chosen if other != pose]
-        if fewer and suffice(fewer):
+        if suffice(fewer):
             chosen = fewer
     return chosen
 
@@ -201,30 +208,26 @@ def design(model: ScanModel, rng: Generator, **asked: Any) -> Plan:
     Raises ScanError where the limits leave too few poses.
     """
     limits = replace(model.limits, **asked)
-    wanted_sd, most = limits.until or USUAL_SD, limits.poses or limits.most
+    wanted_sd = limits.until or USUAL_SD
     drawn = draw(model, limits.candidates, rng, BEYOND)
     # what smooth errors do must not depend on the poses, for information to add up
     smooth = model.linear(*drawn)[0].smooth(model.state).known
     fixed = replace(model, smooth=smooth)
     pool = Pool(fixed, *drawn, wanted_sd)
-
-    def by_pool(chosen: Chosen) -> bool:
-        return not limits.poses and pool.lacks(chosen) <= 1
-
-    def by_prediction(chosen: Chosen) -> bool:
-        poses = pool.R[chosen], pool.T[chosen]
-        return not limits.poses and predict(model, *poses).lacks(wanted_sd) <= 1
-
-    chosen = fitted(pool, [], most, by_pool)
+    chosen = fitted(pool, [], limits, pool.lacks)
     for _ in watched(range(EXCHANGES), "exchanging poses"):
         plan = pool.R[chosen], pool.T[chosen]
         poses = joined(plan, neighbours(model, *plan, 40, rng))
         pool = Pool(fixed, *poses, wanted_sd)
         # better poses make up for others: the next round goes on from fewer
         chosen = exchanged(pool, [*range(len(chosen))])
-        chosen = fitted(pool, chosen, most, by_pool)
+        chosen = fitted(pool, chosen, limits, pool.lacks)
+
+    def predicted_lack(chosen: Chosen) -> float:
+        return predict(model, pool.R[chosen], pool.T[chosen]).lacks(wanted_sd)
+
     # smooth errors as these poses have them are not quite those of the pool
-    chosen = fitted(pool, chosen, most, by_prediction)
+    chosen = fitted(pool, chosen, limits, predicted_lack)
     R, T = pool.R[chosen], pool.T[chosen]
     predicted = predict(model, R, T, rng)
     way = driving_order(R, T)
@@ -239,8 +242,7 @@ def driving_order(R: ndarray, T: ndarray) -> Chosen:
     Errors that depend on the place, as an arm's do, then look like no drift: at each
     place the mean time is the same.
     """
-    apart = np.linalg.norm(T[:, None] - T, axis=2)
-    apart += 3 * np.degrees(angle_between(R[:, None], R))
+    apart = cdist(T, T) + 3 * np.degrees(angle_between(R[:, None], R))
     way = [0]
     while len(way) < len(T):
         apart[:, way[-1]] = np.inf

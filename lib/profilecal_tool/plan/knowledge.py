@@ -9,7 +9,6 @@ from scipy.optimize import linprog
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.observe import as_observations, observe
-from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import nearest_rotation
 from profilecal.joint.prior import prior_from
 from profilecal.scan.scan import Scan
@@ -93,15 +92,13 @@ def model_of_scan(found: Calibration) -> ScanModel:
     solution, (scan,), (seen,) = found.solution, found.scans, found.observed
     observed = seen.keep(solution.kept[0])
     R, T = observed.R_flange[0], observed.T_flange[0]
-    sizes = dict.fromkeys(ROBOT, 0.0) | solution.error_sizes.of_robot
-    sizes["profile_mm"] = solution.noise_mm
     model = ScanModel(
         target=solution.placements[0],
         facing=nearest_rotation((R @ solution.rotation).mean(axis=0)),
         R_sensor=solution.rotation,
         T_sensor=solution.translation,
         scanner=scanner_of(scan, seen),
-        noise=solution.prior.scales.of_sizes(sizes),
+        noise=solution.noise.of_sizes(solution.error_sizes.of_robot),
         systematic=solution.prior.systematic,
         to_hand=observed.eye_to_hand,
         measured=scan.measured,

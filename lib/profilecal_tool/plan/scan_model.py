@@ -69,19 +69,17 @@ class ScanModel(Setup):
         `count` points of a curve; on a face, which fills the view, from side to side.
 
         A ray r of the view has x = r (h + g z), where the half width h at z = 0 grows
-        by g. With the unit normal n and the distance d it meets the face, n·p = d, at
+        by g. It meets the line z = a + b x, in which the scan plane meets the face, at
 
-            z = (d - n_x r h) / (n_z + n_x r g).
+            z = (a + b r h) / (1 - b r g).
         """
         if len(self.target.shifts) > 1:
             return self.target.points_seen(R_view, T_view, count)
-        origin, axes = self.target.frame
-        normal = axes[:, 2]
-        distance = (origin - T_view) @ normal
-        n, rays = normal @ R_view, np.linspace(-0.9, 0.9, count)
-        along, half = n[:, :1] * rays, self.scanner.half_width(0.0)
+        line = self.target.line_at(R_view, T_view, np.arange(2.0))
+        rays, half = np.linspace(-0.9, 0.9, count), self.scanner.half_width(0.0)
         growth = self.scanner.half_width(1.0) - half
-        z = (distance[:, None] - along * half) / (n[:, 2:] + along * growth)
+        slope = np.diff(line[..., 1]) * rays
+        z = (line[:, :1, 1] + slope * half) / (1 - slope * growth)
         return np.stack([rays * self.scanner.half_width(z), z], axis=-1)
 
     def middle_seen(self, R_view: ndarray, T_view: ndarray) -> ndarray:
@@ -190,8 +188,7 @@ def predict(
     delay_sd_s = clock and np.sqrt(covariance[clock, clock])
     between = ()
     if rng and model.guess:
-        others = (model.elsewhere(rng) for _ in range(DRAWS))
-        found = [predict(other, R, T, **in_motion) for other in others]
+        found = [predict(model.elsewhere(rng), R, T, **in_motion) for _ in range(DRAWS)]
         sizes = [(one.mm, one.deg) for one in found]
         between = [*np.quantile(sizes, [0, 1], axis=0)]
     return Prediction(*vars(known).values(), *worst, delay_sd_s, between)

@@ -49,8 +49,8 @@ class Guess:
     target_deg: Margin = 3.0
 
     def __post_init__(self) -> None:
-        across = np.linalg.norm(np.cross(self.axis, self.up))
-        if across <= 1e-3 * np.linalg.norm(self.axis) * np.linalg.norm(self.up):
+        across = np.cross(*unit(np.array([self.axis, self.up])))
+        if np.linalg.norm(across) <= 1e-3:
             raise ValueError(
                 "axis and up in [guess] are parallel or zero; expected axis across up"
             )
@@ -75,7 +75,7 @@ class Guess:
         target = TARGETS[kind]
         y, z = np.array(self.axis), -np.array(self.up)
         x = np.cross(y, z)
-        if abs(target.stance[1, 2]) > 0.5:  # its own direction is the sensor's y
+        if target.stance[1, 2]:  # its own direction is the sensor's y
             z = np.cross(x, y)
         else:
             y = np.cross(z, x)
@@ -110,12 +110,15 @@ class Limits:
 
     def __post_init__(self) -> None:
         if not all(0 < sd < np.inf for sd in self.until):
-            expected = "expected mm and degrees, both positive"
-            raise ValueError(f"until is {[*self.until]}; {expected}")
+            raise ValueError(
+                f"until is {[*self.until]}; expected mm and degrees, both positive"
+            )
         for axis, low, high in zip("xyz", self.low, self.high, strict=True):
             if low >= high:
-                ends = f"low is {low:g} and high is {high:g} mm"
-                raise ValueError(f"the box is empty along {axis}: {ends}")
+                raise ValueError(
+                    f"the box is empty along {axis}: "
+                    f"low is {low:g} and high is {high:g} mm"
+                )
 
 
 @dataclass(frozen=True)

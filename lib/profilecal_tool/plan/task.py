@@ -53,7 +53,10 @@ class Task:
             # do only the margins of the guess keep it from what is wanted?
             exact = design(replace(model, guess=None), rng)
             if not exact.falls_short:
-                plan = replace(design(model, rng, poses=FEW), is_first_step=True)
+                plan = replace(
+                    design(model, rng, poses=min(FEW, model.limits.most)),
+                    is_first_step=True,
+                )
         return plan
 
     def plan_of(self, place: Path) -> Plan:
@@ -145,7 +148,6 @@ def next_poses(found: Calibration, folder: Path) -> list[str]:
         return []
     if plan.predicted.status != "ok":
         return []
-    count = len(plan.T)
-    place = shlex.quote(str(folder))
+    count, place = len(plan.T), shlex.quote(str(folder))
     command = f"profilecal plan {place} NEW-FOLDER --poses {count}"
     return [f"{count} poses more would give {worst(plan.predicted)}: {command}"]

@@ -9,10 +9,8 @@ from profilecal_tool.plan.scan_model import DRAWS, Prediction
 from profilecal_tool.words import deviations
 
 
-def plan_lines(plan: Plan, given: object) -> list[str]:
-    """A plan in lines, after what its prediction counts with; `given`: the poses that
-    it was to have.
-    """
+def plan_lines(plan: Plan) -> list[str]:
+    """A plan in lines, after what its prediction counts with."""
     noise, predicted, count = plan.model.noise, plan.predicted, len(plan.T)
     counted = f"{predicted.poses} poses"
     if plan.speed:
@@ -41,10 +39,10 @@ def plan_lines(plan: Plan, given: object) -> list[str]:
             "ways apart, a wrong mount does not",
         ]
     lines += [f"left out       {why}" for why in plan.left_out]
-    return lines + [f"note           {note}" for note in notes(plan, given)]
+    return lines + [f"note           {note}" for note in notes(plan)]
 
 
-def notes(plan: Plan, given: object) -> Iterator[str]:
+def notes(plan: Plan) -> Iterator[str]:
     """What else there is to say of a plan."""
     count, wished = len(plan.T), "{:g} mm and {:g}°".format(*plan.wanted_sd)
     if plan.unseen:
@@ -64,7 +62,7 @@ def notes(plan: Plan, given: object) -> Iterator[str]:
             "a first step: with a guess as wrong as stated, as many poses as allowed "
             f"do not reach {wished}; a second step, from the answer of these, does"
         )
-    elif given or plan.model.limits.poses or not plan.falls_short:
+    elif plan.model.limits.poses or not plan.falls_short:
         return
     elif plan.speed:
         yield f"{count // 2} sweeps do not give {wished}"
@@ -89,7 +87,7 @@ def steps(plan: Plan, spec: Path, folder: Path | None) -> list[str]:
     if worst(plan.predicted) == "open":
         return [f"{folder}/ written", "next: plan more poses, or larger turns"]
     written = f"{folder}/ written; look at {folder}/plan.png, drive {folder}"
-    known, new, poses = map(shlex.quote, map(str, (spec, folder, folder / "poses.csv")))
+    known, new = map(shlex.quote, map(str, (spec, folder)))
     if plan.speed:
         return [
             f"{written}/sweeps.csv at {plan.speed:g} mm/s, from each begin to its end",
@@ -108,7 +106,7 @@ def steps(plan: Plan, spec: Path, folder: Path | None) -> list[str]:
         said += ["--mount eye-to-hand "] * plan.model.to_hand
         lines.append(
             "or take the scanner's files: profilecal import DIR NEW-FOLDER "
-            f"--target {target.kind} {''.join(said)}--poses {poses}"
+            f"--target {target.kind} {''.join(said)}--poses {new}/poses.csv"
         )
     if plan.is_first_step:
         lines.append(

@@ -78,9 +78,9 @@ def test_a_weak_scan_is_told_which_poses_would_help_and_given_them(tmp_path):
     scan = tmp_path / "my scan"
     more = tmp_path / "more"
     pc.write_scan(scan_of("edge", **WEAK), scan)
-    answer = run("calibrate", scan).output
     count, command = re.search(
-        r"(\d+) poses more would give [\d.]+ mm and [\d.]+°: (.+)", answer
+        r"(\d+) poses more would give [\d.]+ mm and [\d.]+°: (.+)",
+        run("calibrate", scan).output,
     ).groups()
     assert command == f"profilecal plan '{scan}' NEW-FOLDER --poses {count}"
     planned = run("plan", scan, more, "--poses", count)
@@ -171,28 +171,35 @@ def test_an_accuracy_takes_as_many_poses_as_it_takes(tmp_path):
     assert int(re.search(sentence, missed)[1]) > 9
 
 
+WIDE = (
+    "[noise]",
+    "mount_mm = 15\nmount_deg = 8\ntarget_mm = 15\ntarget_deg = 8\n[noise]",
+)
+
+
+def test_a_first_step_is_of_no_more_poses_than_are_allowed(tmp_path):
+    changes = WIDE, (PLANNED, "most = 10\nuntil = [0.19, 0.11]")
+    planned = run("plan", spec_in(tmp_path, *changes)).output
+    assert re.search("predicted for 10 poses.*a first step", planned, re.DOTALL)
+
+
 def test_a_wide_guess_gets_a_first_step_whose_answer_plans_the_second(tmp_path):
-    margins = "mount_mm = 15\nmount_deg = 8\ntarget_mm = 15\ntarget_deg = 8\n[noise]"
     wish = "until = [0.09, 0.045]\nhigh = [1200, 400, 800]"
     # of seeds 2 to 5 the answers are 1.1 to 1.5 times as wide as what is asked for
-    changes = ("[noise]", margins), ("poses = 8", wish), ("seed = 2", "seed = 4")
-    spec = spec_in(tmp_path, *changes)
-    first, second = tmp_path / "first", tmp_path / "second"
+    spec = spec_in(tmp_path, WIDE, (PLANNED, wish), ("seed = 2", "seed = 4"))
+    first, scan, second, more = (tmp_path / name for name in "1234")
     planned = run("plan", spec, first).output
     assert "a first step" in planned
-    run("simulate", first / "simulate.toml", tmp_path / "scan")
+    run("simulate", first / "simulate.toml", scan)
     command = re.search(r"plan (\S+) SECOND-FOLDER (--until .*)", planned)[2].split()
     assert command[-1] == str(spec)
-    assert run("plan", tmp_path / "scan", second, *command).exit_code == 0
+    assert run("plan", scan, second, *command).exit_code == 0
     assert pd.read_csv(second / "poses.csv")["z"].max() <= 800
-    simulated = run(
-        "simulate", second / "simulate.toml", tmp_path / "more", "--scan", 2
-    )
-    assert simulated.exit_code == 0
-    truth = read_toml(tmp_path / "scan/truth.toml")
-    assert truth == read_toml(tmp_path / "more/truth.toml")
-    output = run("calibrate", tmp_path / "scan", tmp_path / "more", "--json").output
-    answer = json.loads(output)
+    again = run("simulate", second / "simulate.toml", more, "--scan", 2)
+    assert again.exit_code == 0
+    truth = read_toml(scan / "truth.toml")
+    assert truth == read_toml(more / "truth.toml")
+    answer = json.loads(run("calibrate", scan, more, "--json").output)
     assert answer["status"] == "ok"
     # poses are added until both are reached; one may be long before the other
     ratio = largest_sd(np.array(answer["covariance"])) / [0.09, 0.045]
