@@ -55,14 +55,12 @@ def observe(scan: Scan, least: int = 0, others: Sequence[Scan] = ()) -> Seen:
         seen = from_table(scan)
     if len(seen.poses) < least:
         title = scan.title or f"the {scan.kind}"
-        counts = f"{len(seen.poses)} of {len(scan.labels)} poses"
         sentence = (
-            f"{title}: {counts} show the target ({scan.description}); "
-            f"expected {least} or more"
+            f"{title}: {len(seen.poses)} of {len(scan.labels)} poses show the target "
+            f"({scan.description}); expected {least} or more"
         )
-        raise ScanError(
-            shorten("; ".join([sentence, *questions_on(scan), *seen.notes]), 600)
-        )
+        why = "; ".join([sentence, *questions_on(scan), *seen.notes])
+        raise ScanError(shorten(why, 600))
     return seen
 
 
@@ -95,9 +93,10 @@ def from_profiles(scan: Scan, others: Sequence[Scan]) -> Seen:
     features = scan.target.find(scan.values, *scan.sizes)
     if len(features) < FEW:
         about = scan.measured, scan.description
-        rest = [one for one in others if one is not scan]
-        like = [one for one in rest if (one.measured, one.description) == about]
-        values = [rows for one in (scan, *like) for rows in one.values]
+        values = [*scan.values]
+        for one in others:
+            if one is not scan and (one.measured, one.description) == about:
+                values += one.values
         beside = scan.target.find(values, *scan.sizes)[: len(features)]
         features = max(
             features, beside, key=lambda each: sum(one.found for one in each)

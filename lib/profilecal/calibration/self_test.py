@@ -27,6 +27,7 @@ from profilecal.calibration.plausibility import systematic_tests
 from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import (
     FALSE_ALARM,
+    Noise,
     by_unit,
     chi2_limit,
     normalised_square,
@@ -172,7 +173,27 @@ def simulated(
     """
     problem = solution.problem
     noise = solution.noise.of_sizes(solution.error_sizes.of_robot)
-    # of each profile, steps along all columns
+    observed = []
+    parts = zip(
+        Problem(problem.observations, noise).terms,
+        solution.state.placements,
+        columns,
+        problem.split(drawn_steps(solution, noise, rng)),
+        solution.kept,
+        strict=True,
+    )
+    for term, placement, (z,), steps, kept in parts:
+        r = np.einsum("pc,ckp->kp", steps, z)
+        here = term.linearise(solution.state, placement)
+        observed.append(term.seen_anew(r, here, rng).keep(kept))
+    return observed
+
+
+def drawn_steps(solution: Solution, noise: Noise, rng: Generator) -> ndarray:
+    """Steps along all columns, a row for each profile, by random errors as large as
+    the solution has them.
+    """
+    problem = solution.problem
     steps = np.zeros((len(problem.counts), problem.considered_columns.stop + 7))
     # the clock is as the answer has it; single times are drawn below as jitter
     sizes = [0.0 if error.clock else size for error, size in problem.considered.items()]
@@ -189,20 +210,7 @@ def simulated(
     if problem.clock is not None:
         late = noise.jitter_ms / 1000 * rng.normal(size=len(steps))
         steps[:, problem.clock] = late
-    observed = []
-    parts = zip(
-        Problem(problem.observations, noise).terms,
-        solution.state.placements,
-        columns,
-        problem.split(steps),
-        solution.kept,
-        strict=True,
-    )
-    for term, placement, (z,), of_profiles, kept in parts:
-        r = np.einsum("pc,ckp->kp", of_profiles, z)
-        here = term.linearise(solution.state, placement)
-        observed.append(term.seen_anew(r, here, rng).keep(kept))
-    return observed
+    return steps
 
 
 def guessed_anew(solution: Solution, rng: Generator) -> Prior:

@@ -168,10 +168,10 @@ def pose_name(mount: str) -> str:
 def read_spec(
     said: Mapping[str, Any],
     path: str | Path,
-    described: type[Spec] = Spec,
+    made: type[Spec] = Spec,
 ) -> Any:
-    """A specification from the content of a TOML file `path`: Spec's fields, or those
-    of another dataclass that goes on from it, and the target's lengths.
+    """A specification `made` of the content of a TOML file `path`: Spec's fields, or
+    those of another dataclass that goes on from it, and the target's lengths.
 
     Raises ScanError.
     """
@@ -181,22 +181,24 @@ def read_spec(
     if "motion" in entries and not target.across:
         raise ScanError(f"{path}: a {target.kind} is not swept; leave [motion] out")
     lengths = length_rules(target.kind)
-    known = entries_of(described) | {
+    known = entries_of(made) | {
         "measured": one_of(target.tables),
         "specimen": one_of(target.specimens),
     }
     del known["sizes"]
     check_entries(path, entries, known | lengths)
-    usual = described()
+    usual = made()
     sizes = {name: entries.pop(name) for name in lengths if name in entries}
     noise_mm = entries.get("noise", {}).get("profile_mm", usual.noise.profile_mm)
     entries["scanner"] = {"noise_mm": noise_mm} | entries.get("scanner", {})
     with naming(path):
         for name, value in entries.items():
             if isinstance(value, Mapping):
-                table, made_of = getattr(usual, name), known[name]
-                entries[name] = replace(table, **value) if table else made_of(**value)
-        return described(**entries, sizes=sizes)
+                table = getattr(usual, name)
+                entries[name] = (
+                    replace(table, **value) if table else known[name](**value)
+                )
+        return made(**entries, sizes=sizes)
 
 
 @naming("simulation")
@@ -260,8 +262,8 @@ def record(scene: Scene, poses: Frames, spec: Spec, rng: Generator) -> Scan:
     # what is measured again at a stop has the error of the same visit
     visit = np.repeat(np.arange(len(scene.labels)), spec.repeats)
     R_actual, T_actual = revisited(*poses, spec.noise, rng)
-    seen = scene.observations.keep(visit)
-    R, T = seen.R_flange[0], seen.T_flange[0]
+    visited = scene.observations.keep(visit)
+    R, T = visited.R_flange[0], visited.T_flange[0]
     if spec.to_hand:
         R, T = inverse(R, T)
     again = [f"m{k + 1}" for k in range(spec.repeats)] if spec.repeats > 1 else [""]
@@ -269,7 +271,7 @@ def record(scene: Scene, poses: Frames, spec: Spec, rng: Generator) -> Scan:
         "labels": tuple(name + suffix for name in scene.labels for suffix in again),
         "R_base_flange": R,
         "p_base_flange": T,
-        "group": seen.labels,
+        "group": visited.labels,
     }
     return scan_from(scene, (R_actual[visit], T_actual[visit]), said, spec, rng)
 

@@ -80,15 +80,15 @@ def random_sweep(
     half = float(np.linalg.norm(across))
     across = across / half
     tilt = rotations(np.radians(spread_deg) * in_unit_ball(rng, 1)[0])
-    facing = tilt @ setup.facing
-    along, speed = facing @ across, motion.speed
+    R_view = tilt @ setup.facing
+    along, speed = R_view @ across, motion.speed
     if motion.pattern == "one way in the base":
         along = setup.facing @ across
     if motion.pattern == "random":
         speed = speed * rng.uniform(0.5, 2) * rng.choice([-1, 1])
         along = unit(along + 0.5 * in_unit_ball(rng, 1)[0])
-    aim = setup.target.frame[0] + facing @ (10 * rng.uniform(-1, 1, 3) * [1, 0, 1])
-    middle = aim - STANDOFF * facing[:, 2]
+    aim = setup.target.frame[0] + R_view @ (10 * rng.uniform(-1, 1, 3) * [1, 0, 1])
+    middle = aim - STANDOFF * R_view[:, 2]
     phase = rng.uniform(0, 2 * np.pi)
     turn = np.radians(motion.turn_deg) * in_unit_ball(rng, 1)[0]
     weaves = motion.pattern == "weave"  # one and a half times to and fro
@@ -99,9 +99,9 @@ def random_sweep(
         way = speed * t[:, None] * along
         if weaves:
             way = half * np.sin(speed / half * t + phase)[:, None] * along
-            way = way + 2 * DRIFTING_MM * share * (facing @ [0.3, 1.0, 0.2])
+            way = way + 2 * DRIFTING_MM * share * (R_view @ [0.3, 1.0, 0.2])
         turned = rotations(np.sin(2 * np.pi * share + phase) * turn)
-        return turned @ facing, middle + way
+        return turned @ R_view, middle + way
 
     return Sweep(seconds, at)
 
@@ -124,18 +124,18 @@ def straight(setup: Setup, R: ndarray, T: ndarray, speed: float) -> list[Sweep]:
     of a sensor that is where `setup` has it.
     """
 
-    def line(facing: ndarray, begin: ndarray, end: ndarray) -> Sweep:
+    def line(R_view: ndarray, begin: ndarray, end: ndarray) -> Sweep:
         seconds = float(np.linalg.norm(end - begin)) / speed
 
         def at(t: ndarray) -> Frames:
             share = 0.5 + t[:, None] / seconds
-            turned = np.broadcast_to(facing, (len(t), 3, 3))
-            return turned, begin + share * (end - begin)
+            same = np.broadcast_to(R_view, (len(t), 3, 3))
+            return same, begin + share * (end - begin)
 
         return Sweep(seconds, at)
 
-    R_view, T_view = setup.planes(R, T)
-    return [*map(line, R_view[::2], T_view[::2], T_view[1::2])]
+    R_views, T_views = setup.planes(R, T)
+    return [*map(line, R_views[::2], T_views[::2], T_views[1::2])]
 
 
 def drive(
@@ -153,24 +153,24 @@ def drive(
     flange really was, (P, 3, 3), (P, 3). All poses are of the flange in the base.
     """
 
-    def flange(R: ndarray, p: ndarray) -> Frames:
+    def flange(R_view: ndarray, T_view: ndarray) -> Frames:
         """Poses (n, 3, 3), (n, 3) that take the scanner to sensor frames."""
-        pose = setup.flange(R, p)
+        pose = setup.flange(R_view, T_view)
         return inverse(*pose) if to_hand else pose
 
-    still = [flange(*place) for place in stops]
-    way, log, times, begin = [*still], [], [], 1.0
+    still = [flange(*view) for view in stops]
+    driven, log, times, begin = [*still], [], [], 1.0
     for sweep in sweeps:
         middle = begin + sweep.seconds / 2
         t, taken = moments(sweep, begin, motion, rng)
         log.append((t, *flange(*sweep.at(t - middle))))
-        way.append(flange(*sweep.behind(taken - middle, motion.lag_ms / 1000)))
+        driven.append(flange(*sweep.behind(taken - middle, motion.lag_ms / 1000)))
         jitter = noise.jitter_ms / 1000 * rng.normal(size=len(taken))
         times.append(taken - motion.delay_ms / 1000 + jitter)
         begin = begin + sweep.seconds + BESIDE_S + PAUSE_S
-    R, p = map(np.concatenate, zip(*way, strict=True))
-    number = np.repeat(np.arange(len(way)), [len(part) for part, _ in way])
-    R, p = actual_poses(R, p[:, None], noise, rng, number)
+    R, p = map(np.concatenate, zip(*driven, strict=True))
+    group = np.repeat(np.arange(len(driven)), [len(part) for part, _ in driven])
+    R, p = actual_poses(R, p[:, None], noise, rng, group)
     actual = revisited(R[:, 0], p[:, 0], noise, rng)
     return said_of(still, log, times, motion.drift_ppm), actual
 
@@ -197,17 +197,17 @@ def said_of(
     """The entries of a Scan, from the poses at stops, each (1, 3, 3), (1, 3), and of
     each sweep the rows of the log and the times of profiles by the scanner's clock.
     """
-    way = checked_log(*map(np.concatenate, zip(*log, strict=True)))
+    whole = checked_log(*map(np.concatenate, zip(*log, strict=True)))
     still = len(stops)
     clock = np.concatenate([np.full(still, np.nan), *times])
-    clock = clock - 1e-6 * drift_ppm * (clock - way.t.mean())
+    clock = clock - 1e-6 * drift_ppm * (clock - whole.t.mean())
     names = [[f"s{k + 1}"] * len(taken) for k, taken in enumerate(times)]
     return {
         "labels": [f"p{k + 1}" for k in range(still)],
         "R_base_flange": np.reshape([R for R, _ in stops], (-1, 3, 3)),
         "p_base_flange": np.reshape([p for _, p in stops], (-1, 3)),
         "group": np.arange(still),
-        "log": way,
+        "log": whole,
         "times": clock.round(6),
         "sweeps": tuple(sum(names, [""] * still)),
     }
