@@ -3,7 +3,7 @@ layouts.
 """
 
 import functools
-import json
+from collections import defaultdict
 from dataclasses import replace
 
 import numpy as np
@@ -14,48 +14,31 @@ from scipy.io import savemat
 from profilecal.scan.conventions import from_rotations, named, pose_matrices
 from profilecal.simulation.spec import WIDE, Spec, simulate_scan
 
-UNSEEN = 17  # of so many points one was not seen
+TOOL = pose_matrices([[12, -35, 180]], [[90, 0, -90]], "FANUC angles")[0]
 
 
 @functools.cache
 def scan():
-    """An edge in twelve raw profiles of as many points; nothing seen is NaN."""
+    """An edge in twelve raw profiles of as many points; nothing seen is NaN, at one
+    point of 17.
+    """
     scanner = replace(WIDE, points=120, quantum=0.125)
     simulated = simulate_scan(
         Spec(measured="profiles", groups=4, positions=3, seed=4, scanner=scanner)
     )
     count = min(map(len, simulated.values))
-    missing = np.arange(count)[:, None] % UNSEEN == 3
+    missing = np.arange(count)[:, None] % 17 == 3
     profiles = [
         np.where(missing, np.nan, points[:count]) for points in simulated.values
     ]
     return replace(simulated, values=tuple(profiles))
 
 
-def poses(convention, scale=1.0, matrices=None):
-    """The numbers of each pose (12, 3 + k)."""
-    matrices = matrices_of_poses() if matrices is None else matrices
-    angles = from_rotations(named(convention), matrices[:, :3, :3])
-    return np.hstack([matrices[:, :3, 3] * scale, angles])
-
-
-def matrices_of_poses():
-    return scan().T_base_flange
-
-
-TOOL, BASE = pose_matrices(
-    [[12, -35, 180], [100, 50, 0]], [[10, -20, 30], [0, 0, 15]], "FANUC angles"
-)
-
-
-def poses_of_tool(convention, scale=1.0):
-    """The numbers of the tool's poses in that base."""
-    of_tool = np.linalg.inv(BASE) @ matrices_of_poses() @ TOOL
-    return poses(convention, scale, of_tool)
-
-
-def numbers_of(frame, convention, scale=1.0):
-    return poses(convention, scale, frame[None])[0]
+def poses(convention, scale=1.0, tool=None):
+    """The numbers of each pose (12, 3 + k), of the flange or of a tool on it."""
+    T = scan().T_base_flange @ (np.eye(4) if tool is None else tool)
+    angles = from_rotations(named(convention), T[:, :3, :3])
+    return np.hstack([T[:, :3, 3] * scale, angles])
 
 
 def text(numbers, separator=","):
@@ -73,167 +56,176 @@ def write_table(path, titles, rows, between=","):
 # The poses
 
 
-def program(name, lines, convention, head="", foot=""):
-    """Lines for each pose, with its number and numbers."""
-
-    def write(folder):
-        rows = poses(convention)
-        texts = [lines.format(*row, k=k) for k, row in enumerate(rows)]
-        write_lines(folder / name, [head, *texts, foot])
-
-    return write
-
-
-kuka = program(
-    "scan.dat",
-    "DECL E6POS XP{k}={{X {0:.12f},Y {1:.12f},Z {2:.12f},A {3:.12f},B {4:.12f},"
-    "C {5:.12f},S 2,T 35}}\nDECL FDAT FP{k}={{TOOL_NO 0,BASE_NO 0}}",
-    "KUKA angles",
-    head="DEFDAT SCAN PUBLIC\n;FOLD X 1, Y 2",
-    foot="ENDDAT",
-)
-fanuc = program(
-    "CALIB.LS",
-    "P[{k}]{{\n   GP1:\n\tUF : 0, UT : 0,\t\tCONFIG : 'N U T, 0, 0, -1',\n"
-    "\tX = {0:.12f} mm,\tY = {1:.12f} mm,\tZ = {2:.12f} mm,\n"
-    "\tW = {3:.12f} deg,\tP = {4:.12f} deg,\tR = {5:.12f} deg\n}};",
-    "FANUC angles",
-    head="/PROG  SCAN\n/MN\n   1:L P[1] 500mm/sec FINE ;\n/POS",
-    foot="/END",
-)
-opencv = program(
-    "poses.yml",
-    "R_{k}: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ {3:.12f}, "
-    "{4:.12f}, {5:.12f}, {6:.12f}, {7:.12f}, {8:.12f}, {9:.12f}, {10:.12f}, "
-    "{11:.12f} ]\nt_{k}: !!opencv-matrix\n   rows: 3\n   cols: 1\n   dt: d\n"
-    "   data: [ {0:.12f}, {1:.12f}, {2:.12f} ]",
-    "matrix",
-    head="%YAML:1.0\n---",
-)
-
-
-def ur(folder):
-    """In a base of its own, which no UR program says: poses of the tool alone, turned
-    by more than half a turn.
-    """
-    rows = poses("rotation vector", 0.001, matrices_of_poses() @ TOOL)
-    rows[:, 3:] *= 1 - 2 * np.pi / np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
-    tcp = numbers_of(TOOL, "rotation vector", 0.001)
-    lines = ["def scan():", f"  set_tcp(p[{text(tcp)}])"]
-    for k, row in enumerate(rows):
-        lines.append(f"  global P_{k}_p=p[{text(row)}]")
-        lines.append(f"  # global P_{k}_p=p[{text(rows[0])}]")
-        lines.append("  movej([0,1,2,3,4,5], a=1.4)")
-    write_lines(folder / "scan.script", [*lines, "end"])
-
-
-def abb(folder, used=True, backwards=False):
-    """Targets of a tool in a base; or, where no move uses them, of the tool alone."""
-
-    def pose(row):
-        return f"[{text(row[:3])}],[{text(row[3:])}]"
-
-    tool = pose(numbers_of(TOOL, "quaternion"))
-    base = pose(numbers_of(BASE, "quaternion"))
-    targets, moves = [], []
-    of_tool = poses("quaternion", matrices=matrices_of_poses() @ TOOL)
-    for k, row in enumerate(poses_of_tool("quaternion") if used else of_tool, 1):
-        axes = "[-1,0,-1,0],[9E9,9E9,9E9,9E9,9E9,9E9]"
-        targets.append(f"  CONST robtarget p{10 * k}:=[{pose(row)},{axes}];")
-        moves.append(f"  MoveL p{10 * k},v100,fine,tScan\\WObj:=wBall; ! p{10 * k}")
-    lines = ["MODULE Scan", f"  PERS tooldata tScan:=[TRUE,[{tool}],[1,[0,0,1]]];"]
-    lines.append(f'  PERS wobjdata wBall:=[FALSE,TRUE,"",[{base}],[[0,0,0]]];')
-    lines += [*targets[:: 1 - 2 * backwards], f"  !{targets[0]}", *moves * used]
-    write_lines(folder / "scan.mod", lines)
-
-
-def by_columns(folder):
-    rows = matrices_of_poses().swapaxes(1, 2).reshape(-1, 16)
-    np.savetxt(folder / "poses.txt", rows, delimiter=",")
-
-
 def listed(
-    titles,
-    labels=(),
+    head,
+    line="{all}",
     convention="KUKA angles",
     scale=1.0,
     angle=1.0,
-    columns=None,
+    tool=None,
     order=range(12),
+    between=",",
+    foot="",
     encoding="utf-8",
     name="poses.csv",
 ):
-    """A table of poses under titles, or under none; each row behind its label."""
+    """A text with a line for each pose, or a file for each if it is called by a number.
+
+    In a line {0} is the first number of the pose, {k} says which pose it is, from 0,
+    {n} from 1, and {at} which line. What is not between commas has decimal ones.
+    """
 
     def write(folder):
-        between = next((mark for mark in ",; " if mark in titles), ",")
-        rows = poses(convention, scale)
+        rows = poses(convention, scale, tool)
         rows[:, 3:] *= angle
-        rows = rows if columns is None else rows[:, columns]
-        lines = [text(row, between) for row in rows]
-        if labels:
-            pairs = zip(labels, lines, strict=True)
-            lines = [f"{label}{between}{line}" for label, line in pairs]
-        lines = [*titles.split("\n"), *(lines[k] for k in order)]
-        content = "\n".join(lines).strip("\n")
-        content = content.replace(".", ",") if between != "," else content
-        (folder / name).write_bytes(content.encode(encoding))
+        files = defaultdict(list)
+        for at, k in enumerate(order):
+            cells = text(rows[k]).split(",")
+            own = {"k": k, "n": k + 1, "at": at, "all": between.join(cells)}
+            files[folder / name.format(k)].append(line.format(*cells, **own))
+        for path, lines in files.items():
+            content = "\n".join([head, *lines, foot]).strip("\n")
+            content = content if between == "," else content.replace(".", ",")
+            path.parent.mkdir(exist_ok=True)
+            path.write_bytes(content.encode(encoding))
 
     return write
 
 
-csv = listed(
-    "Name;X [mm];Y [mm];Z [mm];Alpha [°];Beta [°];Gamma [°]",
-    [f"scan_{k:03d}" for k in range(12)],
-    "Stäubli angles",
-    order=default_rng(1).permutation(12),
+of_tool = functools.partial(listed, tool=TOOL)
+upwards = functools.partial(listed, order=range(11, -1, -1))
+matrices = functools.partial(
+    listed,
+    "",
+    "{3} {4} {5} {0}\n{6} {7} {8} {1}\n{9} {10} {11} {2}\n0 0 0 1",
+    "matrix",
+)
+kuka = listed(
+    "DEFDAT SCAN PUBLIC\n;FOLD X 1, Y 2",
+    "DECL E6POS XP{k}={{X {0},Y {1},Z {2},A {3},B {4},C {5},S 2,T 35}}\n"
+    "DECL FDAT FP{k}={{TOOL_NO 0,BASE_NO 0}}",
+    foot="ENDDAT",
+    name="scan.dat",
+)
+fanuc = listed(
+    "/PROG  SCAN\n/MN\n   1:L P[1] 500mm/sec FINE ;\n/POS",
+    "P[{k}]{{\n   GP1:\n\tUF : 0, UT : 0,\t\tCONFIG : 'N U T, 0, 0, -1',\n"
+    "\tX = {0} mm,\tY = {1} mm,\tZ = {2} mm,\n"
+    "\tW = {3} deg,\tP = {4} deg,\tR = {5} deg\n}};",
+    "FANUC angles",
+    foot="/END",
+    name="CALIB.LS",
+)
+opencv = listed(
+    "%YAML:1.0\n---",
+    "R_{k}: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n"
+    "   data: [ {3}, {4}, {5}, {6}, {7}, {8}, {9}, {10}, {11} ]\n"
+    "t_{k}: !!opencv-matrix\n   rows: 3\n   cols: 1\n   dt: d\n"
+    "   data: [ {0}, {1}, {2} ]",
+    "matrix",
+    name="poses.yml",
+)
+# a pose without a profile is turned by more than half a turn
+ur = of_tool(
+    "def scan():\n  global Home_p=p[0.4,0,0.3,0,4,0]\n"
+    "  tcp1=p[0.012,-0.035,0.18,1.209199576156,-1.209199576156,-1.209199576156]\n"
+    "  set_tcp(tcp1)",
+    "  global P_{k}_p=p[{all}]\n  # global P_{k}_p=p[0,0,0,0,0,0]\n"
+    "  movej([0,1,2,3,4,5], a=1.4)",
+    "rotation vector",
+    0.001,
+    foot="end",
+    name="scan.script",
+)
+# as Universal Robots' controllers log them, with the tool that poses are of
+robot_states = of_tool(
+    "timestamp actual_TCP_pose_0 actual_TCP_pose_1 actual_TCP_pose_2 actual_TCP_pose_3 "
+    "actual_TCP_pose_4 actual_TCP_pose_5 tcp_offset_0 tcp_offset_1 tcp_offset_2 "
+    "tcp_offset_3 tcp_offset_4 tcp_offset_5",
+    "{k}.5 {0} {1} {2} {3} {4} {5} "
+    "0.012 -0.035 0.18 1.209199576156 -1.209199576156 -1.209199576156",
+    "rotation vector",
+    0.001,
     name="robot.csv",
 )
-
-
-def tum(folder):
-    rows = poses("quaternion", 0.001)[:, [0, 1, 2, 4, 5, 6, 3]]
-    table = np.column_stack([1.7e9 + np.arange(12), rows])
-    write_table(folder / "poses.tum", "# timestamp tx ty tz qx qy qz qw", table, " ")
-
-
-def matrices(name):
-    """In a file each."""
-
-    def write(folder):
-        for k, matrix in enumerate(matrices_of_poses()):
-            path = folder / name.format(k)
-            path.parent.mkdir(exist_ok=True)
-            np.savetxt(path, matrix)
-
-    return write
-
-
-def stacked_matrices(folder):
-    """Below one another."""
-    np.savetxt(folder / "poses.txt", np.concatenate(matrices_of_poses()))
+# targets of a tool in a base, to which moves come from the last one on
+abb = of_tool(
+    "MODULE Scan\n"
+    "  PERS tooldata tScan:=[TRUE,[[12,-35,180],[0.5,0.5,-0.5,-0.5]],[1,[0,0,1]]];\n"
+    '  PERS wobjdata wBall:=[FALSE,TRUE,"",[[100,50,0],[1,0,0,0]],[[0,0,0]]];\n'
+    "  !CONST robtarget p10:=[[9,9,9],[1,0,0,0],[-1,0,-1,0],"
+    "[9E9,9E9,9E9,9E9,9E9,9E9]];",
+    "  CONST robtarget p{n}0:=[[{0},{1},{2}],[{3},{4},{5},{6}],[-1,0,-1,0],"
+    "[9E9,9E9,9E9,9E9,9E9,9E9]];",
+    "quaternion",
+    order=range(11, -1, -1),
+    foot="\n".join(
+        f"  MoveL p{n}0,v100,fine,tScan\\WObj:=wBall; ! p{n}0" for n in range(1, 13)
+    ),
+    name="scan.mod",
+)
+csv = listed(
+    "Name;X [mm];Y [mm];Z [mm];Alpha [°];Beta [°];Gamma [°]",
+    "scan_{k:03d};{all}",
+    "Stäubli angles",
+    order=default_rng(1).permutation(12),
+    between=";",
+    name="robot.csv",
+)
+tum = listed(
+    "# timestamp tx ty tz qx qy qz qw",
+    "17000000{k:02} {0} {1} {2} {4} {5} {6} {3}",
+    "quaternion",
+    0.001,
+    name="poses.tum",
+)
+by_columns = listed(
+    "",
+    "{3},{6},{9},0,{4},{7},{10},0,{5},{8},{11},0,{0},{1},{2},1",
+    "matrix",
+    name="poses.txt",
+)
+# beside each other
+of_flange_and_tool = listed(
+    "tcp_x,tcp_y,tcp_z,tcp_a,tcp_b,tcp_c,"
+    "flange_x,flange_y,flange_z,flange_a,flange_b,flange_c",
+    "{2},{0},{1},{4},{5},{3},{all}",
+)
+# in front of positions, whose angles name no owner
+with_speeds = listed("vel_x,vel_y,vel_z,tcp_x,tcp_y,tcp_z,a,b,c", "{3},{4},{5},{all}")
+# in another order, beside the names of the profiles' files
+of_images = upwards(
+    "",
+    "- {{tvec: [{0}, {1}, {2}], q_wxyz: [{3}, {4}, {5}, {6}], "
+    "file: raw/scan_{k:03d}.csv}}",
+    "quaternion",
+    0.001,
+    name="poses.yaml",
+)
+# of the flange and of a camera on it, as ROS prints them, in turn
+transforms = listed(
+    "",
+    "---\nchild_frame_id: camera_link\ntransform: {{"
+    "translation: {{x: 0.1, y: 0.2, z: {k}}}, rotation: {{w: 1, x: 0, y: 0, z: 0}}}}\n"
+    "---\nchild_frame_id: tool0\ntransform: {{"
+    "translation: {{x: {0}, y: {1}, z: {2}}}, "
+    "rotation: {{w: {3}, x: {4}, y: {5}, z: {6}}}}}",
+    "quaternion",
+    0.001,
+    name="tf.yaml",
+)
 
 
 def named_arrays(folder):
     """Rotations and translations in arrays of their own, as OpenCV takes them."""
-    T = matrices_of_poses()
+    T = scan().T_base_flange
     parts = {"R_gripper2base": T[:, :3, :3], "t_gripper2base": T[:, :3, 3:]}
     np.savez(folder / "poses.npz", **parts)
 
 
 def matlab(folder):
     """The poses along the last axis."""
-    savemat(folder / "poses.mat", {"T": np.moveaxis(matrices_of_poses(), 0, -1)})
-
-
-def robot_states(folder):
-    """As Universal Robots' controllers log them, with the tool that poses are of."""
-    names = ("actual_TCP_pose", "tcp_offset")
-    titles = ["timestamp", *(f"{name}_{k}" for name in names for k in range(6))]
-    rows = poses("rotation vector", 0.001, matrices_of_poses() @ TOOL)
-    tool = numbers_of(TOOL, "rotation vector", 0.001)
-    table = [[k + 0.5, *row, *tool] for k, row in enumerate(rows)]
-    write_table(folder / "robot.csv", " ".join(titles), table, " ")
+    savemat(folder / "poses.mat", {"T": np.moveaxis(scan().T_base_flange, 0, -1)})
 
 
 def workbook(folder):
@@ -241,51 +233,6 @@ def workbook(folder):
         poses("KUKA angles"), columns=["X [mm]", "Y [mm]", "Z [mm]", *"ABC"]
     )
     rows.to_excel(folder / "poses.xlsx", startrow=1, index_label="Nr")
-
-
-def of_flange_and_tool(folder):
-    """Beside each other."""
-    rows = [own("KUKA angles") for own in (poses_of_tool, poses)]
-    titles = [f"{name}_{axis}" for name in ("tcp", "flange") for axis in "xyzabc"]
-    write_table(folder / "poses.csv", ",".join(titles), np.hstack(rows))
-
-
-# in front of positions, whose angles name no owner
-with_speeds = listed(
-    "vel_x,vel_y,vel_z,tcp_x,tcp_y,tcp_z,a,b,c", columns=[3, 4, 5, *range(6)]
-)
-
-
-def in_json(name, sample, turned=1):
-    """A sample for each pose and its profile, in a file each or a list."""
-
-    def write(folder):
-        rows = poses("quaternion", 0.001).tolist()
-        triples = zip(range(12), rows, scan().values, strict=True)
-        samples = [sample(*triple) for triple in triples][::turned]
-        for k, own in enumerate(samples):
-            one = own if "{" in name else {"poses": samples}
-            (folder / name.format(k)).write_text(json.dumps(one))
-
-    return write
-
-
-def as_ros(row):
-    """Position and orientation."""
-    position = dict(zip("xyz", row[:3], strict=True))
-    return position, dict(zip("wxyz", row[3:], strict=True))
-
-
-# in another order, beside the names of the profiles' files
-of_images = in_json(
-    "poses.json",
-    lambda k, row, points: {
-        "tvec": row[:3],
-        "q_wxyz": row[3:],
-        "file": f"raw/scan_{k:03d}.csv",
-    },
-    turned=-1,
-)
 
 
 # The profiles
@@ -403,7 +350,7 @@ POSES = {
     "beside images": of_images,
     "with speeds": with_speeds,
     "TUM": tum,
-    "4 x 4 below one another": stacked_matrices,
+    "4 x 4 below one another": matrices(name="poses.txt"),
     "of flange and tool": of_flange_and_tool,
     "matrices by columns": by_columns,
     "named arrays": named_arrays,
