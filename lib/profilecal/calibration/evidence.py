@@ -74,4 +74,9 @@ def evidence(normal: ndarray, precision: ndarray) -> Evidence:
     across = normal[:n, n:]
     X = -np.linalg.solve(normal[:n, :n] + precision, across)
     left = normal[n:, n:] + across.T @ X
-    return Evidence(left[:-1, :-1], left[:-1, -1], left[-1, -1], X[:, :-1])
+    return Evidence(
+        information=left[:-1, :-1],
+        slope=left[:-1, -1],
+        chi2=left[-1, -1],
+        moves=X[:, :-1],
+    )

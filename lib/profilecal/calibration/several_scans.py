@@ -33,16 +33,16 @@ def check_different(scans: Sequence[Scan]) -> None:
 
     Raises ScanError.
     """
-    prints = [*map(fingerprints, scans)]
-    for number, own in enumerate(prints, 1):
+    numbered = [*enumerate(map(fingerprints, scans), 1)]
+    for number, own in numbered:
         if 3 * (len(own) - len({*own})) > len(own):
             raise ScanError(f"scan {number} holds measurements twice; expected once")
-    for first, second in combinations(range(len(scans)), 2):
-        if are_the_same(prints[first], prints[second]):
-            title = scans[second].title or scans[second].kind
+    for (first, some), (second, others) in combinations(numbered, 2):
+        if are_the_same(some, others):
+            scan = scans[second - 1]
             raise ScanError(
-                f"scan {second + 1} ({title}) holds the same measurements as scan "
-                f"{first + 1}; expected each measurement once"
+                f"scan {second} ({scan.title or scan.kind}) holds the same "
+                f"measurements as scan {first}; expected each measurement once"
             )
 
 

@@ -186,8 +186,8 @@ def verify(
             stated,
             solution.covariance,
             alone,
-            dict(zip(other.measures, map(float, target.measures), strict=True)),
-            float(np.sqrt(np.mean(target.distance(points) ** 2))),
+            lengths=dict(zip(other.measures, map(float, target.measures), strict=True)),
+            rms_mm=float(np.sqrt(np.mean(target.distance(points) ** 2))),
         )
     if not len(checked.apart):
         why = getattr(checked.other, "messages", ())

@@ -143,8 +143,9 @@ def solve_tetra_ball(q_b: ArrayLike, q_i: ArrayLike) -> tuple[ndarray, ndarray]:
 
     Examples
     --------
+    >>> import profilecal as pc
     >>> q_i = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
-    >>> R, T = solve_tetra_ball([[1, 2, 3], [1, 3, 3], [0, 2, 3]], q_i)
+    >>> R, T = pc.solve_tetra_ball([[1, 2, 3], [1, 3, 3], [0, 2, 3]], q_i)
     >>> T.round(6)
     array([1., 2., 3.])
     """

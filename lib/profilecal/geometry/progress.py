@@ -12,6 +12,7 @@ watcher: ContextVar[Callable] = ContextVar("watcher", default=lambda items, *_: 
 def watched(items: Iterable, doing: str, total: int | None = None) -> Iterable[Any]:
     """The same items, one by one, under the eyes of the `watcher` if there is one.
 
+    >>> from profilecal.geometry.progress import watched, watcher
     >>> seen = []
     >>> token = watcher.set(lambda items, *about: seen.append(about) or items)
     >>> sum(watched(range(3), "adding"))

@@ -75,7 +75,12 @@ class Scene(Setup):
         target = setup.target
         points = target.points_seen(*setup.planes(R, T), count)
         observations = Observations(
-            target.kind, R[None], T[None], points[None], target.measures, group
+            kind=target.kind,
+            R_flange=R[None],
+            T_flange=T[None],
+            points=points[None],
+            sizes=target.measures,
+            group=group,
         )
         return cls(
             **vars(setup),

@@ -27,7 +27,9 @@ class Ball(Round):
     A scanner in the base frame, whose scan plane passes the centre at 6 mm, sees a
     circle of 8 mm:
 
-    >>> ball = Ball(centre=np.array([5.0, 6.0, 100.0]), radius=10.0)
+    >>> import numpy as np
+    >>> import profilecal as pc
+    >>> ball = pc.Ball(centre=np.array([5.0, 6.0, 100.0]), radius=10.0)
     >>> x, z, r = ball.meet(rotation=np.eye(3), origin=np.zeros(3))
     >>> print(x, z, r)
     5.0 100.0 8.0

@@ -29,8 +29,10 @@ class Disk(Target):
     A scanner in the base frame, whose scan plane passes the centre at 6 mm, sees a
     chord 16 mm long; each tip is x and z:
 
+    >>> import numpy as np
+    >>> import profilecal as pc
     >>> centre, normal = np.array([5.0, 6.0, 100.0]), np.array([0.0, 0.0, -1.0])
-    >>> disk = Disk(centre, normal, radius=10.0)
+    >>> disk = pc.Disk(centre, normal, radius=10.0)
     >>> disk.meet(rotation=np.eye(3), origin=np.zeros(3)).tolist()
     [[-3.0, 100.0], [13.0, 100.0]]
     """

@@ -46,7 +46,9 @@ class Edge(Target):
 
     A scanner in the base frame, whose scan plane is y = 0, sees a point, x and z:
 
-    >>> edge = Edge(np.array([5.0, 40.0, 100.0]), np.array([0.6, 0.8, 0.0]))
+    >>> import numpy as np
+    >>> import profilecal as pc
+    >>> edge = pc.Edge(np.array([5.0, 40.0, 100.0]), np.array([0.6, 0.8, 0.0]))
     >>> edge.meet(rotation=np.eye(3), origin=np.zeros(3)).tolist()
     [-25.0, 100.0]
     """

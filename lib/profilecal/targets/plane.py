@@ -33,7 +33,9 @@ class Plane(Target):
     A scanner in the base frame, whose scan plane is y = 0, sees a line; its points at x
     = 0 and 10 mm are, as x and z:
 
-    >>> plane = Plane(np.array([0.0, 0.0, 100.0]), np.array([0.6, 0.0, -0.8]))
+    >>> import numpy as np
+    >>> import profilecal as pc
+    >>> plane = pc.Plane(np.array([0.0, 0.0, 100.0]), np.array([0.6, 0.0, -0.8]))
     >>> rotation, origin = np.eye(3)[None], np.zeros((1, 3))
     >>> plane.line_at(rotation, origin, x=np.array([0.0, 10.0])).tolist()
     [[[0.0, 100.0], [10.0, 107.5]]]

@@ -24,7 +24,9 @@ class Point(Target):
 
     A scanner in the base frame that is steered through it sees its x and z:
 
-    >>> mark = Point(np.array([5.0, 0.0, 100.0]))
+    >>> import numpy as np
+    >>> import profilecal as pc
+    >>> mark = pc.Point(np.array([5.0, 0.0, 100.0]))
     >>> mark.meet(rotation=np.eye(3), origin=np.zeros(3)).tolist()
     [5.0, 100.0]
     """

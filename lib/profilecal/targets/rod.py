@@ -34,7 +34,9 @@ class Rod(Round):
     A scanner in the base frame, whose scan plane is y = 0, sees an arc on the side that
     faces it; its point nearest to the scanner is, as x and z:
 
-    >>> rod = Rod(np.array([5.0, 0.0, 100.0]), np.array([0.0, 1.0, 0.0]), radius=10.0)
+    >>> import numpy as np
+    >>> import profilecal as pc
+    >>> rod = pc.Rod(np.array([5.0, 0, 100]), np.array([0.0, 1, 0]), radius=10.0)
     >>> rod.points_seen(np.eye(3)[None], np.zeros((1, 3)), count=3)[0, 1].tolist()
     [5.0, 90.0]
     """
