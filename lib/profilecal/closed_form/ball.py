@@ -93,12 +93,10 @@ def solve_ball(R_tcp: ArrayLike, T_tcp: ArrayLike, q: ArrayLike) -> TwoStepSolut
     lines = q[still[0]] - q[still[1:]]
     moved = (T_tcp[still[1:]] - T_tcp[still[0]]) @ R_tcp[still[0]]
     lines, moved = unit(lines), unit(moved)
-    of_what = ("ball centres", "sensor", lines), ("positions", "flange", moved)
-    for what, frame, vectors in of_what:
+    for frame, vectors in (("sensor", lines), ("flange", moved)):
         check_line(
             vectors,
-            f"all {len(vectors)} differences of {what} are parallel in the {frame} "
-            "frame",
+            f"all {len(vectors)} translations are parallel in the {frame} frame",
             "the rotation about them cannot be known; translate along another line",
         )
     check_orientations(R_tcp[turning], "turning poses")

@@ -109,7 +109,7 @@ def of_usual_angle(
     30° counts if nothing is nearer, and more where profiles scatter more.
     """
     best = [own[0].angle for own in candidates if own]
-    usual = np.median(best or [0.0])
+    usual = np.median(best)
     scatter = np.median(np.abs(np.subtract(best, usual))) if len(best) >= 5 else np.inf
     close, wide = np.maximum(np.radians([20, 30]), 6 * scatter)
     chosen, said = [], []

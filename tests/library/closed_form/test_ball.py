@@ -121,7 +121,7 @@ OPEN = [
     (
         "ball",
         lambda R, T, q: [R, T, ONE_LINE],
-        "all 3 differences of ball centres are parallel",
+        "all 3 translations are parallel in the sensor frame",
     ),
     (
         "fixed point",
