@@ -58,14 +58,6 @@ class Section:
         size = np.where(distance, np.hypot(*outwards.T), np.nan)
         return (distance - self.radius) * distance / size, outwards / size[:, None]
 
-    def derivatives(self, points: ndarray) -> ndarray:
-        """Of how far points are outside, by centre and lean, (k, 4), to the same
-        order.
-        """
-        along = (points - self.centre) @ self.lean / (1 + self.lean @ self.lean)
-        normals = self.off_and_normals(points)[1]
-        return -np.hstack([normals, normals * along[:, None]])
-
 
 # Below are the sections of two bodies. Of points (k, 2) of a profile `nearest` gives
 # the one nearest to them, looked for from one `near` them; None where it cannot be the
@@ -121,9 +113,6 @@ class RodSections:
         def off(state: ndarray) -> ndarray:
             return section_at(state).off_and_normals(points)[0]
 
-        def derivatives(state: ndarray) -> ndarray:
-            return section_at(state).derivatives(points)
-
         centre, lean = near.centre, near.lean
         if not lean.any():  # by 30° towards the middle of the points, where it touches
             middle, tilt = points[len(points) // 2], np.radians(30)
@@ -133,7 +122,6 @@ class RodSections:
         fitted = least_squares(
             off,
             np.concatenate([centre, lean]),
-            derivatives,
             method="lm",
             x_scale="jac",
             ftol=1e-4,  # of the sum of squares: far below what noise changes
