@@ -47,7 +47,7 @@ def test_a_mistake_of_every_kind_is_a_sentence():
         "unknown entry 'profile_um'": {"noise": {"profile_um": 50}},
         "noise is 0.05; expected a table": {"noise": 0.05},
         "points .* are the units right": {"points": scan["points"] / 1000},
-        "of T_base_flange is 0.8.* are they in mm": {"T_base_flange": in_metres},
+        "of T_base_flange is 0.8.* are the units right": {"T_base_flange": in_metres},
         "points has shape": {"points": scan["points"][:, :1]},
         "expected one of profiles, points": {"profiles": points},
         "unknown entry 'radius'": {"radius": 50.0},

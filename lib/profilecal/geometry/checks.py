@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 # matrices printed to four decimals pass, a scaled or sheared one does not
 ORTHONORMAL_TOLERANCE = 1e-3
-# farthest flange position from the base: a robot's size
+# a flange position's largest coordinate: a robot's size
 REACH_MM = (10.0, 20_000.0)
 # from the scanner; no profile scanner sees as far, and some print such numbers for no
 # point
@@ -103,30 +103,25 @@ def check_rigid(name: str, values: ArrayLike) -> ndarray:
 def check_positions(name: str, values: ArrayLike, count: int | None = None) -> ndarray:
     """Return flange positions as an array (count, 3), mm.
 
-    Raises ValueError where the farthest is no robot's reach from the base: then they
-    are in another unit.
+    Raises ValueError where the largest coordinate is of no robot's size.
     """
-    positions = check_array(name, values, (count, 3))
-    low, high = REACH_MM
-    farthest = np.linalg.norm(positions, axis=1).max(initial=0.0)
-    if len(positions) and not low <= farthest <= high:
-        raise ValueError(
-            f"the farthest flange position of {name} is {farthest:.3g} mm from the "
-            f"base; expected a robot's size, {low:g} to {high:g} mm: are they in mm?"
-        )
-    return positions
+    return check_readings(name, values, (count, 3), limits=REACH_MM)
 
 
 def check_readings(
-    name: str, values: ArrayLike, shape: tuple[int | None, ...], finite: bool = True
+    name: str,
+    values: ArrayLike,
+    shape: tuple[int | None, ...],
+    finite: bool = True,
+    limits: tuple[float, float] = READINGS_MM,
 ) -> ndarray:
     """Return a scanner's readings as an array of a shape, mm.
 
-    Raises ValueError where the largest is of no scanner's range, nor zero: then they
-    are in another unit.
+    Raises ValueError where the largest is outside the limits, those of a scanner's
+    range, nor zero: then they are in another unit.
     """
     readings = check_array(name, values, shape, finite)
-    low, high = READINGS_MM
+    low, high = limits
     largest = np.nanmax(np.abs(readings), initial=0.0)
     if largest and not low <= largest <= high:
         raise ValueError(
