@@ -208,8 +208,7 @@ def drawn_steps(solution: Solution, noise: Noise, rng: Generator) -> ndarray:
         patterns = noise.accuracy_mm * solution.smooth.columns(motions)
         steps[:, FLANGE] += patterns @ rng.normal(size=patterns.shape[2])
     if problem.clock is not None:
-        late = noise.jitter_ms / 1000 * rng.normal(size=len(steps))
-        steps[:, problem.clock] = late
+        steps[:, problem.clock] = noise.jitter_ms / 1000 * rng.normal(size=len(steps))
     return steps
 
 
