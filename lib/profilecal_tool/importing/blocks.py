@@ -44,7 +44,7 @@ class Column(NamedTuple):
 
     @property
     def answer(self) -> str:
-        """A title that says what it is known to be."""
+        """A title that says what it is known to be; `column_titled` reads it again."""
         owned = f"{self.owner}_{self.role}".strip("_")
         name = owned if self.role else self.name or "_"
         return f"{name} [{self.unit}]" if self.unit else name

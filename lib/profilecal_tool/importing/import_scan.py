@@ -2,6 +2,7 @@
 
 import re
 from collections import ChainMap
+from contextlib import nullcontext, suppress
 from glob import glob
 from pathlib import Path
 
@@ -133,18 +134,13 @@ def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
         raise ScanError(f"{folder}: no files; is the folder right?")
     families = {}
     for path, name in watched([*paths.items()], "reading"):
-        is_beside = len(said) == 2 and name not in said
-        try:
-            every = [*blocks_in_file(path, layout.encoding)]
-        except ScanError:
-            if not is_beside:
-                raise
-            every = []
         blocks = families.setdefault(name, {})[path] = []
-        for block in every:
-            if block.robot or not is_beside:
-                wanted = with_rows_wanted(block, layout)
-                blocks.append(with_a_point_a_row(wanted, layout))
+        is_beside = len(said) == 2 and name not in said  # and may be of any kind
+        with suppress(ScanError) if is_beside else nullcontext():
+            for block in blocks_in_file(path, layout.encoding):
+                if block.robot or not is_beside:
+                    wanted = with_rows_wanted(block, layout)
+                    blocks.append(with_a_point_a_row(wanted, layout))
     for name in said:  # of the same files
         families.setdefault(name, families[said[-1]])
     return families
@@ -203,18 +199,21 @@ def which_hold_what(
     Raises ScanError; Question where several may.
     """
     first = {n: next(filter(None, f.values()), []) for n, f in families.items()}
+    # what no one has said, most files first
     free = [n for n in first if first[n] and n not in (layout.poses, layout.profiles)]
-    free.sort(key=lambda name: -len(families[name]))  # most files first
+    free.sort(key=lambda name: -len(families[name]))
     of_poses = [n for n in free if poses_in(first[n], layout.pose_columns)]
     others = [n for n in free if n not in of_poses]
     # those of half as many files are something else, such as a reference
     most = [n for n in others if 2 * len(families[n]) > len(families[others[0]])]
     of_points = [n for n in most if points_of_file(first[n], layout)]
-    # what is neither has no titles, and may be either; poses are in fewer files
+    # without titles: either, but poses are in the fewest files, which are asked about
+    # first; and profiles are in those that are left
     unclear = [n for n in others if n not in of_points]
-    of_poses = of_poses or unclear[::-1]
+    of_poses = of_poses or [*reversed(unclear)]
     pose = layout.poses or one_or_ask(folder, of_poses, "holds the poses", "poses")
     of_points = of_points or [n for n in unclear if n != pose]
+    # or all are in one file
     if not of_points and points_of_file(first[pose], layout):
         of_points = [pose]
     what = "holds the profiles (a pattern takes several)"

@@ -119,7 +119,7 @@ def matlab_arrays(path: Path) -> Arrays:
     """The arrays of MATLAB, whose stacks of matrices lie along the last axis."""
     from scipy.io import loadmat
 
-    content = loadmat(path, appendmat=False, squeeze_me=True)
+    content = loadmat(path, squeeze_me=True)
     arrays = {n: np.asarray(cells) for n, cells in content.items() if n[0] != "_"}
     stacks = {n: np.moveaxis(a, -1, 0) for n, a in arrays.items() if a.ndim == 3}
     return arrays | stacks
@@ -136,7 +136,7 @@ def points_of_ply(path: Path) -> Arrays:
 def numpy_arrays(path: Path) -> Arrays:
     """The arrays of NumPy; "" is the name of one alone."""
     with path.open("rb") as file:
-        loaded = np.load(file, allow_pickle=False)
+        loaded = np.load(file)
         return {"": loaded} if isinstance(loaded, ndarray) else {**loaded}
 
 

@@ -42,7 +42,7 @@ def pair_profiles(
     poses: Part, names: list[str], moves: Iterable[str], layout: Layout
 ) -> Pairing:
     """The pose of each profile, by its name, "" where it has none; `moves`: the poses'
-    names as a program moves to them.
+    names as a program's lines use them.
 
     Raises ScanError.
     """
@@ -53,12 +53,10 @@ def pair_profiles(
         # profiles are called by their times
         names = [f"{start + k / rate:.6f}" for k in range(len(names))]
     labels = next(iter(poses.labels.values()), [])  # a program's only ones are names
-    driven = [labels.index(name) for name in dict.fromkeys(moves) if name in labels]
+    used = [labels.index(name) for name in dict.fromkeys(moves) if name in labels]
     found = None if layout.times else paired_by_label(poses, names)
-    if not found:
-        times = times_of(poses, names, layout)
-        by_time = paired_by_time(poses, times) if times else None
-        found = by_time or paired_in_order(poses, driven, names, layout)
+    found = found or paired_by_time(poses, names, layout)
+    found = found or paired_in_order(poses, used, names, layout)
     if found.times:
         return found
     lost = [names[k] for k in np.flatnonzero(found.rows < 0)]
@@ -70,16 +68,13 @@ def pair_profiles(
 
 
 def paired_in_order(
-    poses: Part,
-    driven: list[int],
-    names: list[str],
-    layout: Layout,
+    poses: Part, used: list[int], names: list[str], layout: Layout
 ) -> Pairing:
-    """The poses as moves come to them, or as they are listed. Raises ScanError where
+    """The poses as lines use them, or as they are listed. Raises ScanError where
     there are not as many profiles, where times are said, which then no pose has, or
     where numbers of poses say another order.
     """
-    rows = np.array(driven or range(len(poses.table)))
+    rows = np.array(used or range(len(poses.table)))
     if layout.times or len(names) != len(rows):
         counts = f"{len(names)} profiles for {len(rows)} poses"
         sentence = f"{counts}, and no label or time that both have; add a column"
@@ -87,13 +82,11 @@ def paired_in_order(
         raise ScanError(f"{poses.path}: {sentence}, {hint}")
     for column in poses.having("label"):
         numbers = to_numeric(poses.table[column.at], errors="coerce").dropna()
-        if not driven and not numbers.is_monotonic_increasing:
+        if not used and not numbers.is_monotonic_increasing:
             title = poses.title(column)
             sentence = f"{title} goes up and down, and profiles have no such number"
             raise ScanError(f"{poses.path}: {sentence}; sort the rows, or name files")
-    return Pairing(
-        rows, "in order of the lines that use them" if driven else "in order"
-    )
+    return Pairing(rows, "in order of the lines that use them" if used else "in order")
 
 
 class Match(NamedTuple):
@@ -213,11 +206,12 @@ def times_of(poses: Part, names: list[str], layout: Layout) -> Times | None:
     return Times(log, profiles) if are_known else None
 
 
-def paired_by_time(poses: Part, times: Times) -> Pairing | None:
+def paired_by_time(poses: Part, names: list[str], layout: Layout) -> Pairing | None:
     """The poses nearest in time, of a log only those where the robot stands still; or
     the log, where profiles were taken as the robot moved.
     """
-    if len(times.log) < 2:
+    times = times_of(poses, names, layout)
+    if not times or len(times.log) < 2:
         return None
     order = np.argsort(times.log, kind="stable")
     t = times.log[order]

@@ -59,9 +59,9 @@ def matches_of(lines: Sequence[str], text: str) -> tuple[DataFrame, str]:
         for match in expression.finditer(text):
             rows[match.start()] = match.groupdict()
         text = blanked(expression, text)
-    places = sorted(rows)
-    numbers = [text.count("\n", 0, place) + 1 for place in places]
-    return DataFrame([rows[place] for place in places], index=numbers), text
+    offsets = sorted(rows)
+    numbers = [text.count("\n", 0, offset) + 1 for offset in offsets]
+    return DataFrame([rows[offset] for offset in offsets], index=numbers), text
 
 
 def program_blocks(path: Path, text: str) -> Iterator[Block]:

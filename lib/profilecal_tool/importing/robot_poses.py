@@ -118,23 +118,23 @@ def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
     likely W, P, R, and four of unit length a quaternion.
     """
     blocks = [block for block in blocks if block.kind == "pose"]  # not tools
-    if not blocks or any(block.having("joint") for block in blocks):
-        hint = (
-            "joint angles are none: export Cartesian poses; or --pose-columns says them"
-        )
-        return ScanError(f"{path}: no poses; {hint}")
+    if not blocks:
+        return ScanError(f"{path}: no poses")
     block = max(blocks, key=lambda block: len(block.columns))
+    if block.having("joint"):
+        sentence = "joint angles are none: export Cartesian poses"
+        return question_on_columns(block, sentence, {})
     numeric = block.table.apply(to_numeric, errors="coerce").dropna(axis=1, how="all")
-    posed = [c for c in block.columns if c.at in numeric and c.role in {"", *OF_POSES}]
-    places, turn = posed[:3], posed[3:]
+    own = [c for c in block.columns if c.at in numeric and c.role in {"", *OF_POSES}]
+    position, turn = own[:3], own[3:]
     numbers = numeric[[column.at for column in turn]].to_numpy()
     roles, unit, likely = (), "", {}
     if len(turn) == 3:
         roles, unit = FANUC, likely_angle(numbers)
     elif len(turn) == 4 and np.allclose(np.linalg.norm(numbers, axis=1), 1, atol=0.01):
         roles = OF_ABB if turn[0].name in ("q0", "q1") else OF_LIBRARIES
-    if roles and [c.role for c in places] in ([*XYZ], 3 * [""]):
-        likely = likely_columns(places, XYZ, "") | likely_columns(turn, roles, unit)
+    if roles and [c.role for c in position] in ([*XYZ], 3 * [""]):
+        likely = likely_columns(position, XYZ, "") | likely_columns(turn, roles, unit)
     sentence = f"no pose in {said}" if said else "what are they?"
     return question_on_columns(block, sentence, likely)
 
@@ -173,8 +173,8 @@ def length_of(poses: Part) -> tuple[float, str]:
     # one number, in m too far for a robot and in mm too near
     elif not units and FARTHEST_M <= farthest < NEAR_MM:
         doubt = f"positions up to {farthest:.4g}; cm, in or mm?"
-        places = [poses.chosen[axis] for axis in XYZ]
-        raise question_on_columns(poses, doubt, likely_columns(places, XYZ, "cm"))
+        position = [poses.chosen[axis] for axis in XYZ]
+        raise question_on_columns(poses, doubt, likely_columns(position, XYZ, "cm"))
     return scale_of(poses.path, units, usual, LENGTH_UNITS)
 
 

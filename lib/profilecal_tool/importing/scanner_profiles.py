@@ -216,7 +216,7 @@ def profile_of_each_row(block: Part, expected: int) -> tuple[ndarray, list[str]]
         goes_back = x.diff() * (x.iloc[-1] - x.iloc[0]) < 0
         is_stack = goes_back.sum() + 1 == expected
         # or each row is one, of a point
-        begins = goes_back & is_stack | (rows == expected)
+        begins = (goes_back & is_stack) | (rows == expected)
     profile = begins.cumsum().to_numpy()
     return profile - profile[0], []
 

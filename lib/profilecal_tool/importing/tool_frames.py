@@ -57,7 +57,7 @@ def of_one_frame(
         names.sort(key=lambda name: name not in WORDS[f"no_{which}"])
     if len(names) > 1:
         several = f"{poses.path}: moves have {which}s {listed(names)}"
-        answer = f"{which}={max(names, key=frames.count)}"
+        answer = f"{which}={max(of_all or names, key=frames.count)}"
         raise Question(f"{several}; of which are the poses?", where=answer)
     return poses, "".join(names)
 

@@ -489,7 +489,7 @@ SAID = {
         a_file("tcp.csv", "j1,j2,j3,j4,j5,j6\n0,1,2,3,4,5"),
         "joint angles are none: export Cartesian poses",
     ),
-    "tools alone": (nothing, one_each, a_file("f.va", FRAMES), "no poses; "),
+    "tools alone": (nothing, one_each, a_file("f.va", FRAMES), "f.va: no poses"),
     "nothing": (nothing, nothing, "in: no files"),
     "no poses": (nothing, one_each, "no file holds the poses"),
     "two numbers": (
