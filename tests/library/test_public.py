@@ -55,7 +55,7 @@ def test_a_mistake_of_every_kind_is_a_sentence():
         "radius is missing": {"kind": "disk"},
         r"group has shape \(3,\)": {"group": [0, 0, 1]},
         "labels has 'p' 250 times": {"labels": ["p"] * 250},
-        "labels has 1 entries for 250 poses": {"labels": ["p"]},
+        r"labels has shape \(1,\); expected \(250,\)": {"labels": ["p"]},
     }
     for sentence, change in mistakes.items():
         with pytest.raises(pc.ScanError, match=sentence) as caught:

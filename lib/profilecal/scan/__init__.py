@@ -6,6 +6,6 @@ mm, or a ScanError that names file, line, value and what was expected. The room 
 writes scan folders, and poses as robot controllers do.
 
 In reading order: `tables` and `toml` read files of any content, `conventions` says how
-orientations are written, `motion` what there is of a robot that does not stop; `scan`
-is the scan in memory, and `folder` puts it into files and back.
+orientations are written; `scan` is the scan in memory, and `folder` puts it into files
+and back.
 """

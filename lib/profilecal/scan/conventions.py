@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.checks import ORTHONORMAL_TOLERANCE, check_array
-from profilecal.geometry.poses import homogeneous
-from profilecal.scan.tables import ScanError, Table, listed, naming
+from profilecal.geometry.poses import homogeneous, nearest_rotation, rotations
+from profilecal.scan.tables import ScanError, Table, listed, naming, shown
 
-LARGEST_ANGLE_DEG = 720.0  # two turns; what is larger is no angle
-UNIT_TOLERANCE = 1e-3  # of a quaternion's length: it may be printed to four decimals
+UNIT_TOLERANCE = 1e-3  # of a quaternion's length: printed to three decimals
+LARGEST_ANGLE_DEG = 720.0
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Convention:
     name: str
     columns: tuple[str, ...]
     meaning: str
-    # of scipy's Euler angles in degrees, lower case about fixed axes; "" for the others
+    # of scipy's Euler angles, in degrees; "" for what are no three angles
     sequence: str = ""
 
 
@@ -45,11 +45,7 @@ CONVENTIONS = (
         "XYZ",
     ),
     Convention("Kawasaki angles", ("o", "a", "t"), "R = Rz(O) Ry(A) Rz(T)", "ZYZ"),
-    Convention(
-        "matrix",
-        tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)),
-        "a matrix",
-    ),
+    Convention("matrix", tuple(f"r{i}{j}" for i in "123" for j in "123"), "a matrix"),
 )
 
 
@@ -61,24 +57,24 @@ def find_convention(columns: Collection[str]) -> Convention:
     >>> find_convention(["pose", "x", "y", "z", "w", "p", "r"]).meaning
     'R = Rz(R) Ry(P) Rx(W)'
     """
-    fitting = [one for one in CONVENTIONS if {*one.columns} <= {*columns}]
-    if len(fitting) != 1:
+    found = [one for one in CONVENTIONS if {*columns}.issuperset(one.columns)]
+    if len(found) != 1:
         blocks = "; ".join(", ".join(one.columns) for one in CONVENTIONS)
-        names = " and ".join(one.name for one in fitting)
-        found = names or f"none among {listed(columns)}"
+        names = " and ".join(one.name for one in found)
         raise ValueError(
-            f"expected one block of orientation columns, {blocks}; found {found}"
+            f"expected one block of orientation columns, {blocks}; "
+            f"found {names or f'none among {listed(columns)}'}"
         )
-    return fitting[0]
+    return found[0]
 
 
 def named(name: str) -> Convention:
     """The convention of a name. Raises ScanError for one that there is not."""
-    known = {convention.name: convention for convention in CONVENTIONS}
-    if name not in known:
-        expected = ", ".join(known)
-        raise ScanError(f"convention is {name!r}; expected one of {expected}")
-    return known[name]
+    for one in CONVENTIONS:
+        if one.name == name:
+            return one
+    known = listed(one.name for one in CONVENTIONS)
+    raise ScanError(f"convention is {shown(name)}; expected one of {known}")
 
 
 def pose_matrices(
@@ -122,15 +118,14 @@ def pose_matrices(
            [  0.,   0.,   1., 300.],
            [  0.,   0.,   0.,   1.]])
     """
-    chosen = named(convention)
+    block = named(convention)
     with naming("pose_matrices"):
-        T = check_array("positions", positions, (None, 3))
-        shape = (len(T), len(chosen.columns))
-        block = check_array("orientations", orientations, shape)
-    return homogeneous(to_rotations(chosen, block), T)
+        p = check_array("positions", positions, (None, 3))
+        shape = len(p), len(block.columns)
+        values = check_array("orientations", orientations, shape)
+    return homogeneous(to_rotations(block, values), p)
 
 
-@np.errstate(over="ignore", invalid="ignore")
 def to_rotations(
     convention: Convention, values: ArrayLike, table: Table | None = None
 ) -> ndarray:
@@ -141,54 +136,40 @@ def to_rotations(
     rotation.
     """
     block = np.asarray(values, dtype=float)
-    rows = table or Table(Path("orientations"), {}, range(len(block)), "row")
-    length = np.linalg.norm(block, axis=1)
+    table = table or Table(Path("orientations"), {}, range(len(block)), "row")
     if convention.sequence:
-        largest = np.abs(block).max(axis=1)
-        rows.refuse(
-            largest > LARGEST_ANGLE_DEG,
-            f"angle of {{:.6g}}; expected degrees, at most {LARGEST_ANGLE_DEG:g}",
-            largest,
-        )
-        rotation = Rotation.from_euler(convention.sequence, block, degrees=True)
-    elif convention.name == "quaternion":
-        rows.refuse(
-            np.abs(length - 1) > UNIT_TOLERANCE,
-            "quaternion of length {:.4g}; expected length 1",
-            length,
-        )
-        rotation = Rotation.from_quat(block, scalar_first=True)
-    elif convention.name == "rotation vector":
-        rows.refuse(
-            length > 2 * np.pi,
-            "rotation vector of length {:.4g}; expected radians, at most 2π: "
-            "are they degrees?",
-            length,
-        )
-        rotation = Rotation.from_rotvec(block)
-    else:
-        matrices = block.reshape(-1, 3, 3)
-        excess = np.abs(matrices @ matrices.mT - np.eye(3)).max(axis=(1, 2))
-        determinant = np.linalg.det(matrices)
-        rows.refuse(
-            ~(excess <= ORTHONORMAL_TOLERANCE) | (determinant < 0),
-            "matrix with R Rᵀ off the identity by {:.2g} and determinant {:.2g}; "
-            "expected a rotation: 0 and 1",
-            excess,
-            determinant,
-        )
-        rotation = Rotation.from_matrix(matrices)  # made exactly orthonormal
-    return rotation.as_matrix()
+        angle = np.abs(block).max(axis=1, initial=0.0)
+        expected = f"; expected degrees, at most {LARGEST_ANGLE_DEG:g}"
+        table.refuse(angle > LARGEST_ANGLE_DEG, "angle of ", angle, expected)
+        return Rotation.from_euler(convention.sequence, block, True).as_matrix()
+    length = np.linalg.norm(block, axis=1)
+    if convention.name == "quaternion":
+        is_off = np.abs(length - 1) > UNIT_TOLERANCE
+        table.refuse(is_off, "quaternion of length ", length, "; expected length 1")
+        return Rotation.from_quat(block, scalar_first=True).as_matrix()
+    if convention.name == "rotation vector":
+        expected = "; expected radians, at most 2π: are they degrees?"
+        is_long = length > 2 * np.pi
+        table.refuse(is_long, "rotation vector of length ", length, expected)
+        return rotations(block)
+    R = block.reshape(-1, 3, 3)
+    off = np.abs(R @ R.mT - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    size, words = np.linalg.det(R), "matrix with R Rᵀ off the identity by "
+    is_none = (off > ORTHONORMAL_TOLERANCE) | (size < 0)
+    expected = "; expected a rotation: 0 and 1"
+    table.refuse(is_none, words, off, " and determinant ", size, expected)
+    return nearest_rotation(R)
 
 
 def from_rotations(convention: Convention, rotations: ndarray) -> ndarray:
     """A block of columns (n, k) from matrices (n, 3, 3)."""
     rotation = Rotation.from_matrix(rotations)
-    if convention.sequence:
-        sequence: Any = convention.sequence
-        return rotation.as_euler(sequence, degrees=True, suppress_warnings=True)
+    sequence: Any = convention.sequence
+    if sequence:
+        # where an angle is open, scipy's choice is as good as any
+        return rotation.as_euler(sequence, True, suppress_warnings=True)
     if convention.name == "quaternion":
         return rotation.as_quat(canonical=True, scalar_first=True)
     if convention.name == "rotation vector":
         return rotation.as_rotvec()
-    return rotation.as_matrix().reshape(-1, 9)
+    return rotations.reshape(-1, 9)

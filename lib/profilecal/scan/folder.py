@@ -20,19 +20,21 @@ from profilecal.scan.conventions import (
     named,
     to_rotations,
 )
-from profilecal.scan.motion import DELAY_MS, checked_log, moment_label
 from profilecal.scan.scan import (
+    DELAY_MS,
     ENTRY_RULES,
     GUESS_SD,
     MEASURED,
     Scan,
+    checked_log,
     length_rules,
+    the_one,
 )
 from profilecal.scan.tables import (
+    Columns,
     ScanError,
     Table,
     is_file,
-    listed,
     naming,
     new_folder,
     read_parts,
@@ -51,26 +53,30 @@ from profilecal.scan.toml import (
 )
 
 SCALE = {"mm": 1.0, "m": 1000.0}
-SPREADSHEET = 1_000_000  # rows that people can look at: more become arrays
-HEADER: dict[str, Any] = {
+SPREADSHEET = 1_000_000  # rows that one opens
+HEADER: Entries = {  # what scan.toml may say; that of [target] depends on its kind
     "title": ENTRY_RULES["title"],
     "units": one_of(SCALE),
     "mount": ENTRY_RULES["mount"],
     "target": TABLE,
     "noise": ENTRY_RULES["noise"],
     "motion": {"delay_ms": DELAY_MS},
-    # where the sensor is: X Y Z mm, W P R degrees, R = Rz(R) Ry(P) Rx(W)
     "guess": {
         "mount": numbers(6),
-        "sd_mm": number(1e-3, 1000),
-        "sd_deg": number(1e-3, 180),
+        "sd_mm": number(0.001, 1000),
+        "sd_deg": number(0.001, 180),
     },
 }
+TOO_FAR = (
+    f"; expected at most {FARTHEST_MM:g}: are the units in scan.toml right? "
+    "Missing points are left out or blank"
+)
+# entries of a Scan without poses at rest
 NO_POSES: Entries = {
     "labels": (),
     "R_base_flange": np.empty((0, 3, 3)),
     "p_base_flange": np.empty((0, 3)),
-    "side": np.array([]),
+    "side": np.empty(0),
 }
 
 
@@ -110,23 +116,23 @@ def read_scan(folder: str | Path) -> Scan:
     >>> again
     Scan(ball, radius 25 mm, 40 poses of 10 orientations, arcs, eye-in-hand)
     """
-    folder = Path(folder)
-    if not folder.exists():
-        raise ScanError(f"{folder}: no such folder")
-    if folder.is_file():
-        raise ScanError(f"{folder} is a file; expected a scan folder")
-    header, scale = read_header(folder / "scan.toml")
-    log = folder / "log.csv"
+    place = Path(folder)
+    if place.is_file():
+        raise ScanError(f"{place} is a file; expected a scan folder")
+    if not place.is_dir():
+        raise ScanError(f"{place}: no such folder")
+    header, scale = read_header(place / "scan.toml")
+    poses, log = place / "poses.csv", place / "log.csv"
     moving = is_file(log)
+    motion = read_log(log, scale) if moving else {}
     at_rest = NO_POSES
-    if not moving or is_file(folder / "poses.csv"):
-        at_rest = read_poses(folder / "poses.csv", scale, header["side"])
-    entries = header | at_rest | read_measurements(folder, at_rest, scale, moving)
-    sides = np.full(len(entries["values"]), header["side"])
-    sides[: len(at_rest["side"])] = at_rest["side"]
-    if moving:  # the log's convention counts, as orientations are by it
-        entries |= read_log(log, scale)
-    return scan_of(folder, entries | {"side": sides})
+    if not moving or is_file(poses):
+        at_rest = read_poses(poses, scale, header["side"])
+    seen = read_measurements(place, at_rest["labels"], scale, moving)
+    # what was seen in motion has one side
+    side = np.full(len(seen["values"]), header["side"], dtype=float)
+    side[: len(at_rest["side"])] = at_rest["side"]
+    return scan_of(place, header | at_rest | motion | seen | {"side": side})
 
 
 def scan_of(folder: Path, entries: Entries) -> Scan:
@@ -153,49 +159,48 @@ def check_header(path: Path, said: Entries) -> tuple[Entries, float]:
     Errors name `path`. Raises ScanError.
     """
     check_entries(path, said, HEADER)
-    target = {**said.get("target", {})}
-    guess = said.get("guess", {})
-    kind = target.pop("kind", None)
     scale = SCALE[said.get("units", "mm")]
-    check_entries(path, {"kind": kind}, ENTRY_RULES, "target")
-    lengths = length_rules(kind, scale)
-    of_target = {"side": one_of((1, -1))} | lengths
-    check_entries(path, target, of_target, "target", needed=lengths)
-    given = said.keys() & {"title", "mount", "noise"}
-    entries = {name: said[name] for name in given} | {
-        "kind": kind,
-        "sizes": tuple(round(target[name] * scale, 9) for name in lengths),
-        "side": float(target.get("side", 0)),
-        "delay_ms": said.get("motion", {}).get("delay_ms"),
-        "guess_sd": (
-            guess.get("sd_mm", GUESS_SD[0]),
-            guess.get("sd_deg", GUESS_SD[1]),
-        ),
-    }
+    target, guess = said.get("target", {}), said.get("guess", {})
+    lengths = length_rules(target.get("kind"), scale)
+    rules = {"kind": ENTRY_RULES["kind"], "side": one_of((1, -1))} | lengths
+    needed = dict.fromkeys(("kind", *lengths))
+    check_entries(path, needed | target, rules, "target")
+    known = {name: said[name] for name in ENTRY_RULES if name in said}
     if "mount" in guess:
-        entries["guess"] = mount_pose(guess["mount"], path)
-    return entries, scale
+        known["guess"] = mount_pose(guess["mount"], path)
+    sd_mm, sd_deg = GUESS_SD
+    entries = {
+        "kind": target["kind"],
+        # 20.3 mm of 0.0203 m, not 20.299999999999997
+        "sizes": tuple(round(scale * target[name], 9) for name in lengths),
+        "mount": Scan.mount,
+        "side": target.get("side", 0),
+        "delay_ms": said.get("motion", {}).get("delay_ms"),
+        "guess_sd": (guess.get("sd_mm", sd_mm), guess.get("sd_deg", sd_deg)),
+    }
+    return entries | known, scale
 
 
 def mount_pose(mount: Sequence[float], path: Path) -> ndarray:
     """The pose (4, 4) of X Y Z mm, W P R degrees, of a guess at `path`. Raises
     ScanError.
     """
-    position, angles = np.reshape(mount, (2, 1, 3))
-    table = Table(path, {}, ["of the guess"], "W P R")
-    R = to_rotations(named("FANUC angles"), angles, table)
-    return homogeneous(R, position)[0]
+    place = Table(path, {}, ["the guess"], "W P R of")
+    R = to_rotations(named("FANUC angles"), [mount[3:]], place)[0]
+    return homogeneous(R, np.array(mount[:3]))
 
 
 def read_log(path: Path, scale: float) -> Entries:
     """What the robot recorded on its way, positions in units of `scale` mm: entries of
     a Scan. Raises ScanError.
     """
-    table = read_table(path, ("t", "x", "y", "z"))
-    way = poses_in(table, scale)
+    table = read_table(path, ("t", *"xyz"))
+    t = table.column("t")
+    del table.columns["t"]  # no angle, though a robot has one of that name
+    poses = poses_in(table, scale)
     with naming(path):
-        log = checked_log(table.column("t"), way["R_base_flange"], way["p_base_flange"])
-    return {"log": log, "convention": way["convention"]}
+        log = checked_log(t, poses["R_base_flange"], poses["p_base_flange"])
+    return {"log": log, "convention": poses["convention"]}
 
 
 def read_poses(path: Path, scale: float, side: float = 0.0) -> Entries:
@@ -203,27 +208,25 @@ def read_poses(path: Path, scale: float, side: float = 0.0) -> Entries:
 
     `side` is that of poses for which the table says none. Raises ScanError.
     """
-    return check_poses(read_table(path, ("pose", "x", "y", "z")), scale, side)
+    return check_poses(read_table(path, ["pose", *"xyz"]), scale, side)
 
 
 def check_poses(table: Table, scale: float, side: float = 0.0) -> Entries:
     """The same of a table that has been read."""
-    labels = table.labels()
-    first, row = np.unique(labels, return_index=True, return_inverse=True)[1:]
-    table.refuse(first[row] < np.arange(len(labels)), "pose {} is there twice", labels)
-    poses = poses_in(table, scale)
+    labels, group = table.labels(), table.text("group")
+    _, firsts = np.unique(labels, return_index=True)
+    is_again = ~np.isin(np.arange(len(labels)), firsts)
+    table.refuse(is_again, "pose ", labels, " is there twice")
     sides = table.column("side", blank=True)
-    sides[np.isnan(sides)] = side
-    known = np.isin(sides, (-1, 0, 1))
-    table.refuse(~known, "side is {:g}; expected 1 or -1", sides)
-    groups = table.text("group")
-    given = bool(groups.any())
-    blank = given & (groups == "")
-    table.refuse(blank, "no group; expected one for each pose, or for none")
-    return poses | {
-        "labels": tuple(labels),
+    sides = np.where(np.isnan(sides), side, sides)
+    table.refuse(~np.isin(sides, (1, -1, 0)), "side is ", sides, "; expected 1 or -1")
+    given = bool((group != "").any())
+    is_blank = given & (group == "")
+    table.refuse(is_blank, "no group; expected one for each pose, or for none")
+    return poses_in(table, scale) | {
+        "labels": tuple(labels.tolist()),
         "side": sides,
-        "group": groups if given else None,
+        "group": group if given else None,
         "group_given": given,
     }
 
@@ -232,99 +235,76 @@ def poses_in(table: Table, scale: float) -> Entries:
     """Where the flange is by a table's rows, positions in units of `scale` mm: entries
     of a Scan.
     """
-    with np.errstate(over="ignore"):
-        positions = table.numbers(("x", "y", "z")) * scale
-        reach = np.linalg.norm(positions, axis=1)
-    low, high = REACH_MM
-    farthest = reach.max()
-    table.refuse(
-        (reach == farthest) & ~(low <= farthest <= high),
-        "the flange is {:.3g} mm from the base, farther than elsewhere; expected a "
-        f"robot's size, {low:g} to {high:g} mm: are the units right?",
-        reach,
-    )
     with naming(table.path):
         convention = find_convention(table.columns)
+    p = scale * table.numbers("xyz")
+    distance = np.linalg.norm(p, axis=1)
+    low, high = REACH_MM
+    is_off = (distance == distance.max()) & ((distance < low) | (distance > high))
+    expected = f"expected a robot's size, {low:g} to {high:g} mm: are the units right?"
+    beside = " mm from the base, farther than elsewhere; "
+    table.refuse(is_off, "the flange is ", distance, beside + expected)
     block = table.numbers(convention.columns)
     return {
         "R_base_flange": to_rotations(convention, block, table),
-        "p_base_flange": positions,
+        "p_base_flange": p,
         "convention": convention.name,
         "orientation": block,
     }
 
 
 def read_measurements(
-    folder: Path, at_rest: Entries, scale: float, moving: bool
+    folder: Path, labels: Sequence[str], scale: float, moving: bool
 ) -> Entries:
-    """What the scanner saw, in mm, by pose: entries of a Scan. The poses `at_rest`, as
-    `read_poses` has them, come first; then what was seen in motion. Raises ScanError.
+    """What the scanner saw, in mm, by pose: entries of a Scan. The poses at rest come
+    first, by their labels; then what was seen in motion. Raises ScanError.
     """
-    ways = (folder / f"{name}{kind}" for name in MEASURED for kind in (".csv", ".npz"))
-    paths = [path for path in ways if is_file(path)]
-    if len(paths) != 1:
-        found = " and ".join(path.name for path in paths) or "none of them"
-        raise ScanError(
-            f"{folder}: expected one of {listed(MEASURED)} (.csv, .npz); found {found}"
-        )
-    (path,) = paths
+    names = [name + end for name in MEASURED for end in (".csv", ".npz")]
+    with naming(folder):
+        found = [name for name in names if is_file(folder / name)]
+        path = folder / the_one(found, " (.csv, .npz)")
     columns = MEASURED[path.stem]
-    keys = ["sweep", "t"] if moving else []
-    if at_rest["labels"] or not moving:
-        keys.append("pose")
-    # of each label: its number, and its sweep and time
-    number = {label: k for k, label in enumerate(at_rest["labels"])}
-    moment = dict.fromkeys(number, ("", np.nan))
-    parts = []
-    for table in read_parts(path, (*keys, *columns)):
-        labels, in_motion = moments(table) if moving else (table.labels(), {})
-        for label in in_motion:
-            number.setdefault(label, len(number))
-        moment |= in_motion
-        pose = np.array([number.get(label, -1) for label in labels])
-        table.refuse(pose < 0, "pose {} is not in poses", labels)
-        seen = table.numbers(columns, blank=True, largest=FARTHEST_MM / scale)
-        parts.append((pose, seen * scale))
-    pose, seen = map(np.concatenate, zip(*parts, strict=True))
-    # the rows of each pose together, in the order of the file
-    rows = seen[np.argsort(pose, kind="stable")]
-    ends = np.cumsum(np.bincount(pose, minlength=len(number)))
-    sweeps, times = zip(*moment.values(), strict=True)
+    of_poses = ["pose"] if labels or not moving else []
+    required = (*of_poses, *["sweep", "t"] * moving, *columns)
+    # where each pose stands, by its label; in motion, by its sweep and time
+    place: dict[Any, int] = {label: k for k, label in enumerate(labels)}
+    places, values = [], []
+    for table in read_parts(path, required):
+        keys = moments(table) if moving else table.labels().tolist()
+        for key in keys:
+            if isinstance(key, tuple):
+                place.setdefault(key, len(place))
+        own = np.array([place.get(key, -1) for key in keys])
+        table.refuse(own < 0, "pose ", keys, " is not in poses")
+        rows = scale * table.numbers(columns, blank=True)
+        for name, column in zip(columns, rows.T, strict=True):
+            is_far = np.abs(column) > FARTHEST_MM
+            table.refuse(is_far, f"{name} is ", column, TOO_FAR)
+        places.append(own)
+        values.append(rows)
+    del table  # it holds on to all arrays of an .npz file
+    every = np.concatenate(places)
+    order = np.argsort(every, kind="stable")
+    ends = np.bincount(every, minlength=len(place)).cumsum()[:-1]
+    rows = np.concatenate(values)[order]
+    at_rest = [("", np.nan)] * len(labels)
+    sweeps, times = zip(*at_rest, *[*place][len(labels) :], strict=True)
     return {
         "measured": path.stem,
-        "values": tuple(np.split(rows, ends[:-1])),
+        "values": tuple(np.split(rows, ends)),
         "sweeps": sweeps,
         "times": np.array(times),
     }
 
 
-def moments(table: Table) -> tuple[ndarray, dict[str, tuple[str, float]]]:
-    """Labels (rows,) of poses, and of what was seen in motion; of each of the latter
-    its sweep and time.
-    """
-    labels, sweeps = table.text("pose"), table.text("sweep")
-    times = table.column("t", blank=True)
-    is_moving = np.isfinite(times) & (sweeps != "")
-    table.refuse(
-        is_moving == (labels != ""),
-        "pose {}, sweep {}, t {:g}; expected either a pose, or a sweep with its t",
-        labels,
-        sweeps,
-        times,
-    )
-    others = {}
-    for row in np.flatnonzero(is_moving):
-        moment = sweeps[row], float(times[row])
-        labels[row] = moment_label(*moment)
-        others[labels[row]] = moment
-    return labels, others
-
-
-def poses_columns(R: ndarray, p: ndarray, convention: str) -> dict[str, ndarray]:
-    """The columns of poses R (P, 3, 3), p (P, 3), mm, with angles in a convention."""
-    angles = named(convention)
-    block = np.hstack([p, from_rotations(angles, R)])
-    return dict(zip(("x", "y", "z", *angles.columns), block.T, strict=True))
+def moments(table: Table) -> list[Any]:
+    """Of each row the pose's label or, in motion, its sweep and time."""
+    pose, sweep, t = table.text("pose"), table.text("sweep"), table.column("t", True)
+    is_wrong = (pose != "") == (np.isfinite(t) & (sweep != ""))
+    expected = "; expected either a pose, or a sweep with its t"
+    table.refuse(is_wrong, "pose ", pose, ", sweep ", sweep, ", t ", t, expected)
+    rows = zip(pose.tolist(), sweep.tolist(), t.tolist(), strict=True)
+    return [label or (name, time) for label, name, time in rows]
 
 
 def write_scan(scan: Scan, folder: str | Path) -> None:
@@ -347,21 +327,17 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
     --------
     read_scan : the way back, with an example.
     """
-    with new_folder(Path(folder)) as partial:
-        header = header_of(scan, scan.title, scan.noise) | known_of(scan)
-        sides = {*scan.side[scan.moving]} - {0}
-        if len(sides) == 1:
-            header["target"]["side"] = int(*sides)
-        for name, entries in {"scan": header, "truth": scan.truth}.items():
+    texts = {"scan": known_of(scan), "truth": scan.truth}
+    with new_folder(Path(folder)) as place:
+        for name, entries in texts.items():
             if entries:
                 text = toml_text(entries)
-                (partial / f"{name}.toml").write_text(text, encoding="utf-8")
+                (place / f"{name}.toml").write_text(text, encoding="utf-8")
         for name, columns in tables_of(scan).items():
-            rows = max(map(len, columns.values()))
-            if name == scan.measured and rows > SPREADSHEET:
-                np.savez_compressed(partial / f"{name}.npz", **columns)
+            if name in MEASURED and sum(map(len, scan.values)) > SPREADSHEET:
+                np.savez_compressed(place / f"{name}.npz", **columns)
             else:
-                write_table(partial / f"{name}.csv", columns)
+                write_table(place / f"{name}.csv", columns)
 
 
 def header_of(source: Any, title: str, noise: Mapping) -> Entries:
@@ -376,42 +352,52 @@ def header_of(source: Any, title: str, noise: Mapping) -> Entries:
 
 
 def known_of(scan: Scan) -> Entries:
-    """What scan.toml says besides, of a scan whose delay or mount is known."""
-    known: Entries = {}
+    """What scan.toml says of a scan."""
+    header = header_of(scan, scan.title, scan.noise)
+    sides = {*scan.side[scan.moving].tolist()}
+    if len(sides) == 1 and any(sides):
+        header["target"]["side"] = sides.pop()
     if scan.delay_ms is not None:
-        known["motion"] = {"delay_ms": scan.delay_ms}
+        header["motion"] = {"delay_ms": scan.delay_ms}
     if scan.guess is not None:
         angles = from_rotations(named("FANUC angles"), scan.guess[None, :3, :3])
         mount = np.append(scan.guess[:3, 3], angles).tolist()
         sd_mm, sd_deg = scan.guess_sd
-        known["guess"] = {"mount": mount, "sd_mm": sd_mm, "sd_deg": sd_deg}
-    return known
+        header["guess"] = {"mount": mount, "sd_mm": sd_mm, "sd_deg": sd_deg}
+    return header
 
 
-def tables_of(scan: Scan) -> dict[str, dict[str, Any]]:
+def poses_columns(R: ndarray, p: ndarray, convention: str) -> Columns:
+    """The columns of poses R (P, 3, 3), p (P, 3), mm, with angles in a convention."""
+    turn = named(convention)
+    block = np.hstack([p, from_rotations(turn, R)])
+    return dict(zip((*"xyz", *turn.columns), block.T, strict=True))
+
+
+def tables_of(scan: Scan) -> dict[str, Columns]:
     """The columns of a scan's tables, by their names."""
-    still = ~scan.moving
-    labels = np.where(still, scan.labels, "")
-    convention = named(scan.convention)
-    if scan.log and "t" in convention.columns:
-        convention = CONVENTIONS[0]  # the log's t is a time
-    tables, keys = {}, {}
+    turn, log, still = named(scan.convention), scan.log, ~scan.moving
+    if log and "t" in turn.columns:  # which is a time
+        turn = CONVENTIONS[0]
+    counts = [*map(len, scan.values)]
+    tables: dict[str, Columns] = {}
+    where, labels = {}, np.array(scan.labels)
     if still.any():
         R, p = scan.R_base_flange[still], scan.p_base_flange[still]
-        poses = {"pose": labels[still]} | poses_columns(R, p, convention.name)
-        if scan.orientation is not None:  # as read: another convention may be meant
-            poses |= zip(convention.columns, scan.orientation.T, strict=True)
+        poses = {"pose": labels[still]} | poses_columns(R, p, turn.name)
+        if scan.orientation is not None:  # it may be of another convention
+            poses |= zip(turn.columns, scan.orientation.T, strict=True)
+        if scan.side.any():
+            poses["side"] = scan.side[still]
         if scan.group_given:
             poses["group"] = scan.group[still]
-        if np.any(scan.side):
-            poses["side"] = scan.side[still].astype(int)
-        tables["poses"], keys["pose"] = poses, labels
-    if scan.log:
-        way = poses_columns(scan.log.R, scan.log.p, convention.name)
-        tables["log"] = {"t": scan.log.t} | way
-        keys |= {"sweep": np.array(scan.sweeps), "t": scan.times}
-    counts = [len(rows) for rows in scan.values]
-    seen = {name: column.repeat(counts) for name, column in keys.items()}
-    numbers = np.concatenate(scan.values).T
-    seen |= zip(MEASURED[scan.measured], numbers, strict=True)
-    return tables | {scan.measured: seen}
+        tables["poses"] = poses
+        where["pose"] = np.where(still, labels, "").repeat(counts)
+    if log:
+        tables["log"] = {"t": log.t} | poses_columns(log.R, log.p, turn.name)
+        where["sweep"] = np.array(scan.sweeps).repeat(counts)
+        where["t"] = scan.times.repeat(counts)
+    rows = np.concatenate(scan.values).T
+    seen = zip(MEASURED[scan.measured], rows, strict=True)
+    tables[scan.measured] = where | dict(seen)
+    return tables

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from profilecal.geometry.checks import (
     check_rigid,
     check_rotations,
 )
-from profilecal.geometry.log import Log
+from profilecal.geometry.log import DELAY_S, Log
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import (
     Frames,
@@ -27,9 +28,8 @@ from profilecal.geometry.poses import (
     nearest_rotation,
     rotation_groups,
 )
-from profilecal.scan.conventions import CONVENTIONS, named
-from profilecal.scan.motion import DELAY_MS, check_times, checked_log, moment_label
-from profilecal.scan.tables import ScanError, naming
+from profilecal.scan.conventions import named
+from profilecal.scan.tables import ScanError, listed, naming, shown
 from profilecal.scan.toml import (
     TEXT,
     Entries,
@@ -42,30 +42,37 @@ from profilecal.scan.toml import (
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
 
-MEASURED = {  # what a scan may hold, and its columns
+DELAY_MS = number(-1000 * DELAY_S, 1000 * DELAY_S)
+SPEEDS = (1.0, 10_000.0)  # mm/s, of the fastest step of a log
+# columns of what may be measured
+MEASURED = {
     "profiles": ("x", "z"),
     "points": ("x", "z"),
     "chords": ("x_a", "z_a", "x_b", "z_b"),
     "arcs": ("x", "z", "r"),
 }
-# where the scanner is, and the frame that its pose is in
+# and the frame that the sensor's pose is in
 MOUNTS = {"eye-in-hand": "flange", "eye-to-hand": "base"}
-ENTRY_RULES: dict[str, Any] = {
+ENTRY_RULES: Entries = {
     "kind": one_of(TARGETS),
     "mount": one_of(MOUNTS),
     "title": TEXT,
     "noise": entries_of(Noise) | entries_of(Systematic),
+    "delay_ms": (lambda ms: ms is None or DELAY_MS[0](ms), DELAY_MS[1]),
 }
-GUESS_SD = (15.0, 8.0)  # of a mount measured by hand or taken from a drawing
+GUESS_SD = (15.0, 8.0)  # mm and degrees, of a guess by eye
+ROUNDED = 1e-12  # by which a matrix is off that was printed
+Poses = ArrayLike | RigidTransform | None
 
 
-def length_rules(kind: str, scale: float = 1.0) -> dict[str, Rule]:
+def length_rules(kind: Any, scale: float = 1.0) -> dict[str, Rule]:
     """What the lengths of a target that a profile scanner can see may be, in units of
     `scale` mm.
     """
     allowed, limits = number(0.5 / scale, 1000 / scale)
     unit = "mm" if scale == 1 else "m"
-    return dict.fromkeys(TARGETS[kind].lengths, (allowed, f"{limits} {unit}"))
+    lengths = TARGETS.get(str(kind), Target).lengths
+    return dict.fromkeys(lengths, (allowed, f"{limits} {unit}"))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -76,45 +83,37 @@ class Scan:
     checked where it is made: a Scan that exists is well formed.
     """
 
-    kind: str  # of the target: edge, disk, ball, plane, point or rod
-    labels: tuple[str, ...]  # (P,) names of the poses
-    R_base_flange: ndarray  # (P, 3, 3) orientations of the flange in the base frame
-    p_base_flange: ndarray  # (P, 3) its positions there
-    measured: str  # profiles, points, chords or arcs
-    # (P,) of (rows, columns of MEASURED), empty where the scanner saw nothing
-    values: tuple[ndarray, ...]
-    sizes: tuple[float, ...] = ()  # the target's lengths
-    # (P,) +1, -1, or 0 where the program is to decide
-    side: Any = 0
-    # (P,) numbers from 0, one for each orientation; left out, found from R_base_flange
+    kind: str  # of the target, one of TARGETS
+    labels: tuple[str, ...]  # P names of poses
+    R_base_flange: ndarray  # (P, 3, 3)
+    p_base_flange: ndarray  # (P, 3) mm
+    measured: str  # one of MEASURED
+    values: tuple[ndarray, ...]  # P arrays (n, columns), mm; n is 1 but for profiles
+    sizes: tuple[float, ...] = ()  # the target's `lengths`, mm
+    side: Any = 0  # (P,) 1, -1 or, where it is not known, 0
+    # (P,) numbers from 0: poses of one orientation, and a sweep, share one
     group: Any = None
-    group_given: bool = False  # whether somebody stated the groups
-    # standard deviations that are known: entries of [noise] in scan.toml
-    noise: Mapping[str, float] = field(default_factory=dict)
-    mount: str = "eye-in-hand"  # or "eye-to-hand"
-    title: str = ""  # one line
-    # of the orientations as they were read, by its name in `CONVENTIONS`
-    convention: str = CONVENTIONS[0].name
-    # (P, k) the convention's columns as they were read; None in motion
-    orientation: ndarray | None = None
-    # where something was measured in motion: the poses that the robot recorded, which
-    # give R_base_flange and p_base_flange there
+    group_given: bool = False  # not found from the orientations
+    noise: Mapping[str, float] = field(default_factory=dict)  # that is known
+    mount: str = "eye-in-hand"
+    title: str = ""
+    convention: str = "quaternion"  # in which the robot prints orientations
+    orientation: ndarray | None = None  # (P, k) as they were read
+    # what was measured in motion: its poses follow from the log. Those of the rest may
+    # be given alone, or those of all
     log: Log | None = None
-    times: Any = None  # (P,) s by the scanner's clock, NaN at rest
-    sweeps: tuple[str, ...] = ()  # (P,) names, "" at rest
-    # the robot's clock less the scanner's, None where it is to be found
-    delay_ms: float | None = None
-    truth: dict = field(default_factory=dict)  # of a simulated one; written, not read
-    # (4, 4) mm, where the sensor is believed to be on the flange (eye-to-hand: in the
-    # base frame), and how good that is, mm and degrees
-    guess: ndarray | None = None
+    times: Any = None  # (P,) s by the scanner's clock; NaN at rest
+    sweeps: tuple[str, ...] = ()  # P names; "" at rest
+    delay_ms: float | None = None  # the robot's clock less the scanner's, if known
+    truth: dict = field(default_factory=dict)  # what made a simulated scan
+    guess: ndarray | None = None  # (4, 4) mm, of the sensor's pose
     guess_sd: tuple[float, float] = GUESS_SD
 
     @classmethod
     def of(
         cls,
         kind: str,
-        T_base_flange: ArrayLike | RigidTransform | None = None,
+        T_base_flange: Poses = None,
         *,
         profiles: Sequence[ArrayLike] | None = None,
         points: ArrayLike | None = None,
@@ -126,8 +125,8 @@ class Scan:
         group: ArrayLike | None = None,
         labels: Sequence[str] | None = None,
         title: str = "",
-        convention: str = CONVENTIONS[0].name,
-        log: tuple[ArrayLike, ArrayLike | RigidTransform] | None = None,
+        convention: str = "quaternion",
+        log: tuple[ArrayLike, Poses] | None = None,
         times: ArrayLike | None = None,
         sweeps: Sequence[str] = (),
         delay_ms: float | None = None,
@@ -212,24 +211,20 @@ class Scan:
         >>> scan.p_base_flange[1].round(3)
         array([400.,  22., 300.])
         """
-        check_entries("Scan", {"kind": kind}, ENTRY_RULES)
-        known = length_rules(kind)
-        check_entries("lengths of Scan.of", lengths, known, needed=known)
-        if delay_ms is not None:
-            check_entries("Scan", {"delay_ms": delay_ms}, {"delay_ms": DELAY_MS})
-        measured, rows = the_one_given(
-            profiles=profiles, points=points, chords=chords, arcs=arcs
-        )
-        recorded = None
+        rules = length_rules(kind)
+        check_entries("lengths of Scan.of", dict.fromkeys(rules) | lengths, rules)
+        given = {"profiles": profiles, "points": points, "chords": chords, "arcs": arcs}
+        way = None
         with naming("Scan"):
-            if (log is None) != (times is None):
-                given = "times" if log is None else "log"
-                raise ValueError(f"{given} given alone; expected times and log")
+            measured = the_one([name for name in given if given[name] is not None])
+            values = rows_by_pose(measured, given[measured])
             T = rigid("T_base_flange", T_base_flange)
+            if (log is None) != (times is None):
+                alone = "log" if times is None else "times"
+                raise ValueError(f"{alone} given alone; expected times and log")
             if log is not None:
-                way = rigid("log T", log[1])
-                recorded = checked_log(log[0], way[:, :3, :3], way[:, :3, 3])
-            values = rows_by_pose(measured, rows)
+                along = rigid("log T", log[1])
+                way = checked_log(log[0], along[:, :3, :3], along[:, :3, 3])
         return cls(
             kind=kind,
             labels=tuple(map(str, range(1, len(T) + 1) if labels is None else labels)),
@@ -237,152 +232,154 @@ class Scan:
             p_base_flange=T[:, :3, 3],
             measured=measured,
             values=values,
-            sizes=tuple(float(lengths[name]) for name in known),
+            sizes=tuple(lengths[name] for name in rules),
             side=side,
             group=group,
             group_given=group is not None,
             noise=noise or {},
             mount=mount,
             title=title,
-            convention=named(convention).name,
-            log=recorded,
+            convention=convention,
+            log=way,
             times=times,
-            sweeps=tuple(str(name).strip() for name in sweeps),
+            sweeps=tuple(sweeps),
             delay_ms=delay_ms,
         )
 
     def __post_init__(self) -> None:
-        check_entries(
-            "Scan", {name: getattr(self, name) for name in ENTRY_RULES}, ENTRY_RULES
-        )
-        count = len(self.target.lengths)
-        if len(self.sizes) != count or not all(size > 0 for size in self.sizes):
-            raise ScanError(f"sizes is {self.sizes}; expected {count} lengths in mm")
-        P = len(self.values)
-        times = self.times if self.log else np.full(P, np.nan)
-        with naming("Scan"):
-            times = check_array("times", times, (P,), finite=False)
-            vars(self)["times"] = read_only(times)
-            # poses are given of what is at rest; of all, where `replace` makes a copy
-            given = len(self.p_base_flange)
-            at_rest = np.count_nonzero(~self.moving)
-            if given not in (at_rest, P):
-                raise ScanError(
-                    f"T_base_flange has {given} poses for {at_rest} {self.measured}"
-                    f"{' at rest' * bool(self.log)}; expected one for each"
-                )
-            if self.log:
-                vars(self).update(self._by_log(self.log))
-            vars(self).update(self._in_final_form())
-            self._check_measured()
-
-    def _check_measured(self) -> None:
-        """Refuse measurements that do not fit the target, or that are not in mm; a scan
-        of nothing, and a pose with two points, chords or arcs.
-        """
-        expected = self.target.tables
-        if self.measured not in expected:
+        own = vars(self)
+        check_entries("Scan", {name: own[name] for name in ENTRY_RULES}, ENTRY_RULES)
+        named(self.convention)
+        measured, tables = self.measured, self.target.tables
+        if measured not in tables:
             raise ScanError(
-                f"a target of kind {self.kind!r} needs {' or '.join(expected)}, "
-                f"not {self.measured}"
+                f"a target of kind {self.kind!r} needs {' or '.join(tables)}, "
+                f"not {measured}"
             )
-        counts = np.array([*map(len, self.values)])
-        most = counts.max(initial=0)
-        if not most:
-            raise ValueError(f"no rows of {self.measured}; expected what was seen")
-        shape = None, len(MEASURED[self.measured])
-        every = np.concatenate(self.values)
-        check_readings(self.measured, every, shape, finite=False)
-        if self.measured != "profiles" and most > 1:
+        count = len(self.target.lengths)
+        if len(self.sizes) != count or not all(mm > 0 for mm in self.sizes):
+            raise ScanError(f"sizes is {self.sizes}; expected {count} lengths in mm")
+        own["sizes"] = tuple(map(float, self.sizes))
+        own["noise"] = {name: float(sd) for name, sd in self.noise.items()}
+        with naming("Scan"):
+            ends = np.cumsum([len(rows) for rows in self.values])
+            if not ends.any():
+                raise ValueError(f"no rows of {measured}; expected what was seen")
+            every = np.concatenate(self.values)
+            shape = None, len(MEASURED[measured])
+            check_readings(measured, every, shape, finite=False)
+            every.setflags(write=False)
+            pairs = pairwise((0, *ends.tolist()))  # np.split takes five times as long
+            own["values"] = tuple(every[begin:end] for begin, end in pairs)
+            own.update(self._posed())
+            for label, rows in zip(self.labels, self.values, strict=True):
+                if len(rows) > 1 and measured != "profiles":
+                    raise ValueError(
+                        f"pose {label!r} has {len(rows)} rows of {measured}; "
+                        "expected one"
+                    )
+
+    def _posed(self) -> Entries:
+        """All that is of poses, an entry for each. Raises ValueError."""
+        count, log, orientation = len(self.values), self.log, self.orientation
+        times, sweeps = np.full(count, np.nan), ("",) * count
+        if log:
+            times = check_array("times", self.times, (count,), finite=False)
+            sweeps = tuple(str(name).strip() for name in self.sweeps)
+        moving = np.isfinite(times)
+        posed = self._at_rest(~moving)
+        if log:
+            moved = self._in_motion(log, times, sweeps)
+            orientation, groups = None, len({*posed[-1]})
+            moved[-1] += groups
+            # where each pose stands if those at rest come first
+            place = np.argsort(np.argsort(moving, kind="stable"))
+            pairs = zip(posed, moved, strict=True)
+            posed = [np.concatenate(pair)[place] for pair in pairs]
+        labels, R, p, group = posed
+        for name, there in Counter(labels.tolist()).items():
+            if there > 1 or name != name.strip() or not name:
+                raise ValueError(
+                    f"labels has {name!r} {there} times; expected names, each once"
+                )
+        is_known = np.isin(self.side, (1, -1, 0)).all()
+        if np.shape(self.side) not in ((), (count,)) or not is_known:
             raise ValueError(
-                f"pose {self.labels[counts.argmax()]!r} has {most} rows of "
-                f"{self.measured}; expected one"
+                f"side is {shown(self.side)}; expected 1, -1 or 0, for each pose"
             )
+        arrays = {
+            "R_base_flange": R,
+            "p_base_flange": p,
+            "group": group,
+            "side": np.full(count, self.side, dtype=float),
+            "times": np.array(times),
+        }
+        for values in arrays.values():
+            values.setflags(write=False)
+        texts = {"labels": tuple(labels.tolist()), "sweeps": sweeps}
+        return arrays | texts | {"orientation": orientation}
 
-    def _by_log(self, log: Log) -> Entries:
-        """Labels, poses and groups of all, those in motion by the log and by sweep.
-
-        What is given is of those at rest; or of all, where `replace` makes a scan of
-        one that is complete. Orientations as they were read are dropped. Raises
-        ValueError.
+    def _at_rest(self, still: ndarray) -> list[ndarray]:
+        """Labels, orientations, positions and groups of the poses at rest, `still`
+        (P,). What is given is of these alone or, where `replace` makes a scan of one
+        that is complete, of all.
         """
-        moving, P = self.moving, len(self.times)
-        in_sweep = np.array(self.sweeps) != ""
-        if len(in_sweep) != P or not in_sweep[moving].all():
+
+        def chosen(given: Any) -> ndarray:
+            values = np.array(given)
+            return values[still] if values.shape[:1] == still.shape else values
+
+        count, p = int(still.sum()), chosen(self.p_base_flange)
+        if len(p) != count:
+            seen = self.measured + " at rest" * (self.log is not None)
+            raise ScanError(
+                f"T_base_flange has {len(p)} poses for {count} {seen}; "
+                "expected one for each"
+            )
+        R = check_rotations("T_base_flange", chosen(self.R_base_flange), count)
+        check_positions("T_base_flange", p, count)
+        labels = chosen(self.labels).astype(str)
+        group = rotation_groups(R) if self.group is None else chosen(self.group)
+        for name, values in {"labels": labels, "group": group}.items():
+            if values.shape != (count,):
+                raise ValueError(
+                    f"{name} has shape {values.shape}; expected ({count},)"
+                )
+        if self.group_given:
+            check_alike("T_base_flange", R, group)
+        return [labels, R, p, np.unique(group, return_inverse=True)[1]]
+
+    def _in_motion(
+        self, log: Log, times: ndarray, sweeps: Sequence[str]
+    ) -> list[ndarray]:
+        """The same of what was seen in motion, at times and in sweeps (P,), each a
+        group.
+        """
+        t, names = times[np.isfinite(times)], [*filter(None, sweeps)]
+        if [*map(bool, sweeps)] != np.isfinite(times).tolist() or not names:
             raise ValueError(
-                f"{in_sweep.sum()} of {len(in_sweep)} sweeps have a name, for {P} "
+                f"{len(names)} of {len(sweeps)} sweeps have a name, for {len(t)} "
                 "times; expected a time and the name of a sweep for each profile"
             )
-
-        def of_all(of_rest: Any, of_moving: Any) -> ndarray:
-            """(P, ...) of what is given at rest, or of all, and in motion."""
-            some = np.asarray(of_rest)
-            every = np.empty((P, *some.shape[1:]), some.dtype)
-            every[~moving] = some[~moving] if len(some) == P else some
-            every[moving] = of_moving
-            return every
-
-        sweeps, times = np.array(self.sweeps)[moving], self.times[moving]
-        names = [*map(moment_label, sweeps, times)]
-        labels = of_all(np.array(self.labels, dtype=object), names)
-        check_times(log, self.times, labels)
-        R, p, _ = log.at(times + (self.delay_ms or 0) / 1000)
-        R = of_all(self.R_base_flange, R)
-        group = groups_of(self.group, R[~moving])
-        number = np.unique(sweeps, return_inverse=True)[1]
-        return {
-            "labels": labels,
-            "R_base_flange": R,
-            "p_base_flange": of_all(self.p_base_flange, p),
-            # sweeps are numbered behind all at rest, which are fewer than P
-            "group": of_all(group, P + number),
-            "orientation": None,
-        }
-
-    def _in_final_form(self) -> Entries:
-        """All that is of poses, an entry for each. Raises ValueError."""
-        P = len(self.values)
-        R = check_rotations("T_base_flange", self.R_base_flange, P)
-        p = check_positions("T_base_flange", self.p_base_flange, P)
-        if len(self.labels) != P:
-            raise ValueError(f"labels has {len(self.labels)} entries for {P} poses")
-        for label, count in Counter(self.labels).items():
-            if count > 1 or not label or label != label.strip():
-                raise ValueError(
-                    f"labels has {label!r} {count} times; expected names, each once"
-                )
-        group = groups_of(self.group, R)
-        if group.shape != (P,):
-            raise ValueError(f"group has shape {group.shape}; expected ({P},)")
-        if self.group_given:
-            still = ~self.moving
-            check_alike("T_base_flange", R[still], group[still])
-        side = np.asarray(self.side)
-        if side.shape not in ((), (P,)) or not np.isin(side, (-1, 0, 1)).all():
-            raise ValueError(f"side is {self.side}; expected 1, -1 or 0, for each pose")
-        return {
-            "labels": tuple(self.labels),
-            "R_base_flange": read_only(R),
-            "p_base_flange": read_only(p),
-            "values": tuple(map(read_only, self.values)),
-            "group": read_only(group),
-            "sweeps": self.sweeps or ("",) * P,
-            "side": read_only(np.broadcast_to(side, P).astype(float)),
-            "noise": {name: float(value) for name, value in self.noise.items()},
-        }
+        pairs = zip(names, t.tolist(), strict=True)
+        labels = np.array([f"{name}@{seconds}" for name, seconds in pairs])
+        away = log.away(t)
+        worst = away.argmax()
+        if away[worst] > DELAY_S:
+            raise ValueError(
+                f"profile {labels[worst]} is {away[worst]:.3g} s from the nearest row "
+                f"of the log, which goes from {log.t[0]:g} to {log.t[-1]:g} s; "
+                f"expected times by clocks that agree within {DELAY_S:g} s: subtract "
+                "what they differ by"
+            )
+        R, p, _ = log.at(t + (self.delay_ms or 0.0) / 1000)
+        return [labels, R, p, np.unique(names, return_inverse=True)[1]]
 
     def __repr__(self) -> str:
-        parts = []
-        for chosen, words in (
-            (~self.moving, "{} pose{} of {} orientation{}"),
-            (self.moving, "{} profile{} in {} sweep{}"),
-        ):
-            count, groups = np.count_nonzero(chosen), len({*self.group[chosen]})
-            if groups:
-                ends = ["" if number == 1 else "s" for number in (count, groups)]
-                parts.append(words.format(count, ends[0], groups, ends[1]))
-        what = ", ".join([self.description, *parts, self.measured, self.mount])
-        return f"Scan({what})"
+        parts = [self.description]
+        parts += in_groups(self.group[~self.moving], "pose", "of", "orientation")
+        parts += in_groups(self.group[self.moving], "profile", "in", "sweep")
+        return f"Scan({', '.join([*parts, self.measured, self.mount])})"
 
     @property
     def moving(self) -> ndarray:
@@ -391,10 +388,8 @@ class Scan:
 
     def at_rest(self, delay_ms: float) -> "Scan":
         """The same as if its poses had been recorded one by one, by such a delay."""
-        if self.log is None:
-            return self
-        posed = replace(self, delay_ms=delay_ms)
-        return replace(posed, log=None, sweeps=(), group_given=False)
+        there = replace(self, delay_ms=delay_ms)
+        return replace(there, log=None, group_given=False)
 
     @property
     def T_base_flange(self) -> ndarray:
@@ -431,21 +426,24 @@ def described(kind: str, sizes: Sequence[float]) -> str:
     return ", ".join([kind, *(f"{name} {mm:g} mm" for name, mm in lengths)])
 
 
-def groups_of(group: Any, R: ndarray) -> ndarray:
-    """Numbers from 0 of groups that are given, or else of those of orientations."""
-    if group is None:
-        return rotation_groups(R)
-    return np.unique(group, return_inverse=True)[1]
+def in_groups(group: ndarray, one: str, of: str, unit: str) -> list[str]:
+    """How many there are, by their groups (n,), in words; if there are any."""
+    counts = {one: len(group), unit: len({*group})}
+    words = [f"{count} {name}{'s' * (count > 1)}" for name, count in counts.items()]
+    return [f" {of} ".join(words)] if len(group) else []
 
 
-def read_only(values: ndarray) -> ndarray:
-    """A copy that nobody changes."""
-    copy = np.array(values)
-    copy.setflags(write=False)
-    return copy
+def the_one(found: Sequence[str], note: str = "") -> str:
+    """The only one of what is found of `MEASURED`. Raises ValueError for none, or more
+    than one.
+    """
+    if len(found) != 1:
+        words = " and ".join(found) or "none of them"
+        raise ValueError(f"expected one of {listed(MEASURED)}{note}; found {words}")
+    return found[0]
 
 
-def rigid(name: str, poses: Any) -> ndarray:
+def rigid(name: str, poses: Poses) -> ndarray:
     """Poses (P, 4, 4), of arrays or scipy's; none of None. Matrices that are rounded
     become rotations; those that are rotations stay as they are, to the last digit.
     Raises ValueError.
@@ -456,34 +454,46 @@ def rigid(name: str, poses: Any) -> ndarray:
         poses = poses.as_matrix()
     T = check_rigid(name, poses).copy()
     R = T[:, :3, :3]
-    rounded = np.abs(R.mT @ R - np.eye(3)).max(axis=(1, 2)) > 1e-12
-    R[rounded] = nearest_rotation(R[rounded])
+    near = nearest_rotation(R)
+    is_rounded = np.abs(R - near).max(axis=(1, 2), initial=0.0) > ROUNDED
+    R[is_rounded] = near[is_rounded]
     return T
-
-
-def the_one_given(**measurements: Any) -> tuple[str, Any]:
-    """The name and the value of the only argument that is not None. Raises ScanError
-    where there is none, or more than one.
-    """
-    given = {name: one for name, one in measurements.items() if one is not None}
-    if len(given) != 1:
-        found = " and ".join(given) or "none of them"
-        raise ScanError(f"expected one of {', '.join(measurements)}; found {found}")
-    return given.popitem()
 
 
 def rows_by_pose(measured: str, values: Any) -> tuple[ndarray, ...]:
     """What was measured, as a `Scan` has it: (P,) of (rows, columns). Raises ValueError
     for arrays of another shape.
     """
-    columns = len(MEASURED[measured])
+    shape = None, len(MEASURED[measured])
     if measured != "profiles":
-        flat = np.reshape(values, (-1, columns)) if np.ndim(values) == 3 else values
-        rows = check_array(measured, flat, (None, columns), finite=False)
-        return tuple(rows[:, None])
+        rows = np.reshape(values, (len(values), -1)) if np.ndim(values) == 3 else values
+        return tuple(check_array(measured, rows, shape, finite=False)[:, None])
     return tuple(
-        check_array(f"profiles[{k}]", profile, (None, columns), finite=False)
-        if profile is not None and len(profile)
-        else np.empty((0, columns))
-        for k, profile in enumerate(values)
+        np.empty((0, 2))
+        if rows is None or not len(rows)
+        else check_array(f"profiles[{k}]", rows, shape, finite=False)
+        for k, rows in enumerate(values)
     )
+
+
+def checked_log(t: ArrayLike, R: ArrayLike, p: ArrayLike) -> Log:
+    """A log of times (L,), s, and poses (L, 3, 3), (L, 3), mm. Raises ValueError."""
+    t = check_array("log t", t, (None,))
+    R = check_array("log R", R, (len(t), 3, 3))
+    p = check_positions("log p", p, len(t))
+    if len(t) < 2:
+        raise ValueError(f"log has {len(t)} rows; expected two or more")
+    steps = np.diff(t)
+    for k in np.flatnonzero(steps <= 0):
+        raise ValueError(
+            f"log t is {t[k + 1]:.10g} in row {k + 2}; expected later than in the row "
+            "before"
+        )
+    fastest = (np.linalg.norm(np.diff(p, axis=0), axis=1) / steps).max()
+    low, high = SPEEDS
+    if not low <= fastest <= high:
+        raise ValueError(
+            f"log: the robot moves by {fastest:.3g} mm/s at most; "
+            f"expected {low:g} to {high:g} mm/s somewhere: is t in seconds?"
+        )
+    return Log(t, R, p)

@@ -3,28 +3,28 @@ leaves nothing.
 """
 
 import csv
-import shutil
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO, TextIOWrapper
-from itertools import chain, islice
+from itertools import islice
 from pathlib import Path
+from shutil import rmtree
+from stat import S_ISREG
+from textwrap import shorten
 from typing import Any
 
 import numpy as np
 from numpy import ndarray
-from numpy.typing import ArrayLike
 
-from profilecal.geometry.progress import watched
-
-LARGEST_MB = 400  # of a text file: more a usual computer does not hold
-PART = 1000  # rows at a time: the text of all would fill the memory, and hear no Ctrl-C
-Rows = list[tuple[int, list[str]]]  # each line's number and fields
-# cells of points that were not seen
-NOTHING = {"", ".", "na", "n/a", "#n/a", "null", "none"}
-NOTHING |= {"nan", ".nan", "nan(ind)", "1.#qnan", "invalid", "n.a.", "#nv"}
+LARGEST_MB = 400  # of a table
+PART = 1000  # rows of a long one that are looked at together
+MOST = 20  # names that a sentence lists
+# what programs write where there is no number
+NOTHING = {"", ".", "n/a", "na", "n.a.", "#n/a", "#nv", "none", "null", "invalid"}
+NOTHING |= {"nan", ".nan", "nan(ind)", "1.#qnan"}
+Columns = dict[str, Any]  # each (rows,), by name
 
 
 class ScanError(ValueError):
@@ -32,54 +32,23 @@ class ScanError(ValueError):
 
 
 @contextmanager
-def naming(path: str | Path) -> Iterator[None]:
+def naming(path: Any) -> Iterator[None]:
     """What goes wrong with a file or argument becomes a ScanError that names it."""
     try:
         yield
     except ScanError:
         raise
-    except UnicodeDecodeError as error:
-        raise ScanError(f"{path}: {not_text(error)}") from error
     except OSError as error:
-        raise ScanError(f"{path}: {error.strerror or error}") from error
+        raise ScanError(f"{path}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        found = f"{error.object[error.start : error.start + 1]!r} in line {line}"
+        kind = f"not {error.encoding.upper()} text"
+        raise ScanError(f"{path}: {kind}, {found}; save it as UTF-8") from error
     except RecursionError as error:
         raise ScanError(f"{path}: nested too deeply") from error
-    except (LookupError, TypeError, ValueError) as error:
+    except (ValueError, TypeError) as error:
         raise ScanError(f"{path}: {error}") from error
-
-
-def not_text(error: UnicodeDecodeError) -> str:
-    """Why a file is no text, and what to do."""
-    if b"\0" in error.object:
-        return "binary data; save it as text"
-    line = error.object.count(b"\n", 0, error.start) + 1
-    byte = error.object[error.start : error.start + 1]
-    name = error.encoding.upper()
-    return f"not {name} text, {byte!r} in line {line}; save it as UTF-8"
-
-
-def text_of(path: Path, megabytes: int = LARGEST_MB, encoding: str = "") -> str:
-    """A file's text, of at most so many megabytes; in an encoding where it is not
-    UTF-8, or UTF-16 and says so. Raises ScanError.
-    """
-    if not is_file(path):
-        raise ScanError(f"{path}: no such file")
-    with naming(path):
-        size = path.stat().st_size / 1e6
-        if size > megabytes:
-            raise ScanError(
-                f"{path}: {size:.7g} MB; expected at most {megabytes} MB; "
-                "thin profiles out"
-            )
-        content = path.read_bytes()
-        if content[:2] in (BOM_UTF16_LE, BOM_UTF16_BE):
-            return content.decode("utf-16")
-        try:
-            return content.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            if not encoding:
-                raise
-            return content.decode(encoding)
 
 
 def is_file(path: Path) -> bool:
@@ -89,12 +58,41 @@ def is_file(path: Path) -> bool:
     """
     with naming(path):
         try:
-            path.stat()
+            mode = path.stat().st_mode
         except FileNotFoundError:
             return False
-    if not path.is_file():
-        raise ScanError(f"{path}: not a file")
-    return True
+        if not S_ISREG(mode):
+            raise ScanError(f"{path}: not a file")
+        return True
+
+
+def text_of(path: Path, megabytes: int = LARGEST_MB, encoding: str = "") -> str:
+    """A file's text, of at most so many megabytes; in an encoding where it is not
+    UTF-8, or UTF-16 and says so. Raises ScanError.
+    """
+    if not is_file(path):
+        raise ScanError(f"{path}: no such file")
+    size = path.stat().st_size / 1e6
+    if size > megabytes:
+        expected = f"expected at most {megabytes} MB; thin profiles out"
+        raise ScanError(f"{path}: {size:g} MB; {expected}")
+    with naming(path):
+        content = path.read_bytes()
+        is_16 = content.startswith((BOM_UTF16_LE, BOM_UTF16_BE))
+        return content.decode(encoding or ("utf-16" if is_16 else "utf-8-sig"))
+
+
+def partial_of(path: Path) -> Path:
+    """Where `written_whole` has a file while it is being written."""
+    return path.parent / f".{path.name}.partial"
+
+
+def remove(path: Path) -> None:
+    """Remove a file or a folder, if it is there."""
+    if path.is_dir():
+        rmtree(path)
+    elif path.exists():
+        path.unlink()
 
 
 @contextmanager
@@ -103,8 +101,7 @@ def written_whole(path: Path) -> Iterator[Path]:
     or after an error not at all.
     """
     partial = partial_of(path)
-    with naming(path):
-        remove(partial)
+    remove(partial)
     try:
         yield partial
         partial.replace(path)
@@ -127,44 +124,33 @@ def new_folder(path: Path) -> Iterator[Path]:
         yield partial
 
 
-def partial_of(path: Path) -> Path:
-    """Where `written_whole` has a file while it is being written."""
-    return path.parent / f".{path.name}.partial"
-
-
-def remove(path: Path) -> None:
-    """Remove a file or a folder, if it is there."""
-    if path.is_dir():
-        shutil.rmtree(path)
-    else:
-        path.unlink(missing_ok=True)
-
-
 def shown(value: Any) -> str:
     """A value, for a sentence: short and on one line."""
-    if isinstance(value, int) and value.bit_length() > 200:
-        return "a huge number"
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:60]}…"
+    if value is None:
+        return "missing"
+    words = f"{value:.6g}" if isinstance(value, float) else repr(value)
+    words = " ".join(words.split())
+    return words if len(words) <= 60 else f"{words[:60]}…"
 
 
 def listed(names: Iterable[Any]) -> str:
     """Names of columns or poses, for a sentence; of many the first ones, and how many
     more.
     """
-    texts, most = [str(name) for name in names], 20
-    more = f" and {len(texts) - most} more" if len(texts) > most else ""
-    text = ", ".join(texts[:most]) + more
-    return shown(text) if len(text) > 500 or not text.isprintable() else text
+    words = [*map(str, names)]
+    more = f" and {len(words) - MOST} more" if len(words) > MOST else ""
+    text = shorten(", ".join(words[:MOST]), 400, placeholder=" …") + more
+    return text if text.isprintable() else repr(text)
 
 
 def cell_number(cell: str) -> float:
     """What a cell says: NaN for nothing, infinity for a word."""
+    if cell.strip().lower().removeprefix("-") in NOTHING:
+        return np.nan
     try:
         return float(cell)
     except ValueError:
-        word = cell.strip(" -").lower()
-        return np.nan if word in NOTHING else np.inf
+        return np.inf
 
 
 @dataclass(frozen=True)
@@ -172,28 +158,26 @@ class Table:
     """The columns of a file by their names, and where each row stands in it."""
 
     path: Path
-    columns: dict[str, Sequence]  # text, or numbers
-    lines: Sequence | ndarray  # numbers or names of the rows
-    counted: str = "line"  # what `lines` counts; "row" where a file has no lines
+    columns: Columns
+    lines: Sequence | ndarray  # (rows,)
+    counted: str = "line"  # what `lines` count
 
-    def refuse(
-        self, bad: ArrayLike, sentence: str, *values: Sequence | ndarray
-    ) -> None:
-        """Raise ScanError for the first row that is `bad` (rows,): where it is, and the
-        sentence filled in with that row's entry of each of `values` (rows,).
+    def refuse(self, bad: ndarray, *words: str | Sequence | ndarray) -> None:
+        """Raise ScanError for the first row that is `bad` (rows,): where it is, and a
+        sentence of these words, of which a sequence (rows,) gives the row's entry.
         """
-        if not np.any(bad):
-            return
-        row = int(np.argmax(bad))
-        entries = [of_rows[row] for of_rows in values]
-        words = [shown(str(one)) if isinstance(one, str) else one for one in entries]
-        place = f"{self.path} {self.counted} {self.lines[row]}"
-        raise ScanError(f"{place}: {sentence.format(*words)}")
+        for row in np.flatnonzero(bad)[:1]:
+            parts = [
+                part if isinstance(part, str) else shown(np.asarray(part, object)[row])
+                for part in words
+            ]
+            place = f"{self.path} {self.counted} {self.lines[row]}"
+            raise ScanError(f"{place}: {''.join(parts)}")
 
     def text(self, name: str) -> ndarray:
         """A column's cells (rows,), empty where there is none."""
         cells = self.columns.get(name, [""] * len(self.lines))
-        return np.array([str(cell).strip() for cell in cells], dtype=object)
+        return np.char.strip(np.asarray(cells, dtype=str))
 
     def labels(self) -> ndarray:
         """The poses' labels (rows,)."""
@@ -201,38 +185,25 @@ class Table:
         self.refuse(labels == "", "no pose label")
         return labels
 
-    def numbers(
-        self, names: Iterable[str], blank: bool = False, largest: float = np.inf
-    ) -> ndarray:
-        """Columns as numbers (rows, columns), at most `largest`.
-
-        Cells may be blank or NaN, and columns left out, only where `blank` says so.
-        Raises ScanError.
+    def column(self, name: str, blank: bool = False) -> ndarray:
+        """A column (rows,) as numbers; cells may be blank or NaN, and the column left
+        out, only where `blank` says so. Raises ScanError.
         """
-        return np.column_stack([self.column(name, blank, largest) for name in names])
-
-    def column(
-        self, name: str, blank: bool = False, largest: float = np.inf
-    ) -> ndarray:
-        """One column (rows,) as numbers; as `numbers` says."""
         cells = self.columns.get(name, [np.nan] * len(self.lines))
-        title = f"column {name}" if name.isdigit() else name
         try:
-            values = np.array(cells, dtype=float)
-        except ValueError:
-            values = np.array([cell_number(cell) for cell in cells])
+            numbers = np.asarray(cells, dtype=float)
+        except (ValueError, TypeError):
+            numbers = np.array([cell_number(str(cell)) for cell in cells])
+        title = f"column {name}" if name.isdecimal() else name
+        expected = "; expected a finite number"
+        self.refuse(np.isinf(numbers), f"{title} is ", cells, expected)
         if not blank:
-            empty = np.isnan(values)
-            self.refuse(empty, f"{title} is empty or NaN; expected a finite number")
-        words = np.isinf(values)
-        self.refuse(words, f"{title} is {{}}; expected a finite number", cells)
-        self.refuse(
-            np.abs(values) > largest,
-            f"{title} is {{:.6g}}; expected at most {largest:g}: are the units in "
-            "scan.toml right? Missing points are left out or blank",
-            values,
-        )
-        return values
+            self.refuse(np.isnan(numbers), f"{title} is empty or NaN{expected}")
+        return numbers
+
+    def numbers(self, names: Iterable[str], blank: bool = False) -> ndarray:
+        """Several such columns (rows, columns)."""
+        return np.stack([self.column(name, blank) for name in names], axis=1)
 
 
 def read_table(path: Path, required: Collection[str]) -> Table:
@@ -240,73 +211,74 @@ def read_table(path: Path, required: Collection[str]) -> Table:
 
     Raises ScanError, also where one of the required names is missing.
     """
-    (table,) = parts_of_text(path, required, None)
-    return table
+    return next(read_parts(path, required, None))
 
 
-def read_parts(path: Path, required: Collection[str]) -> Iterator[Table]:
-    """A table of any length, some rows at a time: a CSV file, or the same columns as
-    arrays in an .npz file.
+def read_parts(
+    path: Path, required: Collection[str], most: int | None = PART
+) -> Iterator[Table]:
+    """A table of any length, at most so many rows at a time: a CSV file, or the same
+    columns as arrays in an .npz file.
 
     Raises ScanError, as `read_table` does.
     """
     if path.suffix == ".npz":
-        return parts_of_arrays(path, required)
-    return parts_of_text(path, required, PART)
+        yield from parts_of_arrays(path, required)
+        return
+    rows = rows_of_text(path)
+    _, titles = next(rows, (0, []))
+    names = [title.strip().lower() for title in titles]
+    part = [*islice(rows, most)]
+    check_columns(path, required, names, len(part))
+    while part:
+        for line, cells in part:
+            if len(cells) != len(names):
+                raise ScanError(
+                    f"{path} line {line}: {len(cells)} fields; expected {len(names)}: "
+                    "is the file cut short? Are there decimal commas, or rows of a "
+                    "matrix?"
+                )
+        lines, cells_of_rows = zip(*part, strict=True)
+        columns = zip(*cells_of_rows, strict=True)
+        yield Table(path, dict(zip(names, columns, strict=True)), lines)
+        part = [*islice(rows, most)]
 
 
-def parts_of_text(
-    path: Path, required: Collection[str], most: int | None
-) -> Iterator[Table]:
-    """A CSV file as tables of at most so many rows; None: as one."""
-    content = text_of(path).encode()
-    # StringIO would take four bytes for each character
-    text = TextIOWrapper(BytesIO(content), "utf-8", newline="")
-    reader = csv.reader(text, strict=True)
-    # spreadsheets leave rows and columns without content
-    rows = ((reader.line_num, row) for row in reader if any(map(str.strip, row)))
+def rows_of_text(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """The rows of a CSV file that are not blank, each with its line in the file."""
+    content = BytesIO(text_of(path).encode())  # StringIO takes four bytes a letter
+    rows = csv.reader(TextIOWrapper(content, "utf-8", newline=""), strict=True)
     try:
-        _, titles = next(rows, (1, []))
-        names = [
-            title.strip().lower() or f"without a name, {k}"
-            for k, title in enumerate(titles)
-        ]
-        first = [*islice(rows, most)]
-        check_columns(path, required, names, len(first))
-        others = iter(lambda: [*islice(rows, most)], [])  # until one is empty
-        # about how many parts
-        count = content.count(b"\n") // (most or len(content)) + 1
-        for part in watched(chain([first], others), f"reading {path.name}", count):
-            yield in_columns(path, names, part)
+        for row in rows:
+            if "".join(row).strip():
+                yield rows.line_num, row
     except csv.Error as error:
-        place = f"{path} line {reader.line_num}"
-        raise ScanError(f"{place}: cannot be read: {error}") from error
+        sentence = f"{path} line {rows.line_num}: cannot be read: {error}"
+        raise ScanError(sentence) from error
 
 
 def parts_of_arrays(path: Path, required: Collection[str]) -> Iterator[Table]:
-    """The required columns of an .npz file, some rows at a time."""
+    """The arrays of an .npz file as tables of some rows."""
     try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            names = [*map(str.lower, file.files)]
-            pairs = zip(names, file.files, strict=True)
-            columns = {name: file[own] for name, own in pairs if name in required}
-    except Exception as error:  # zip, zlib and numpy have errors of their own
+        with path.open("rb") as stream, np.load(stream) as file:
+            arrays = [(name.strip().lower(), file[name]) for name in file.files]
+            rows = arrays[0][1].size
+    except Exception as error:  # of numpy, of the archive, of what is packed in it
         raise ScanError(
             f"{path}: no arrays; expected what numpy.savez writes of numbers and text "
             "(dtype str): is it cut short?"
         ) from error
-    rows = min((column.size for column in columns.values()), default=0)
-    check_columns(path, required, names, rows)
-    for name, column in columns.items():
-        if column.shape != (rows,) or column.dtype.kind not in "Ufiu":
+    check_columns(path, required, [name for name, _ in arrays], rows)
+    for name, array in arrays:
+        if array.shape != (rows,) or array.dtype.kind not in "iufU":
             raise ScanError(
-                f"{path}: {name} is {column.dtype} of shape {column.shape}; "
+                f"{path}: {name} is {array.dtype} of shape {array.shape}; "
                 f"expected numbers or text, ({rows},)"
             )
-    for first in watched(range(0, rows, PART), f"reading {path.name}"):
-        chosen = slice(first, first + PART)
-        part = {name: column[chosen] for name, column in columns.items()}
-        yield Table(path, part, range(1, rows + 1)[chosen], "row")
+    for begin in range(0, rows, PART):
+        some = slice(begin, begin + PART)
+        columns = {name: array[some] for name, array in arrays}
+        yield Table(path, columns, range(1, rows + 1)[some], "row")
 
 
 def check_columns(
@@ -318,52 +290,32 @@ def check_columns(
             f"{path}: no rows; expected names of columns, and a row for each pose or "
             "point"
         )
-    for name in (*required, *names):
+    for name in (*required, *filter(None, names)):
         count = names.count(name)
         if count != 1:
             raise ScanError(
-                f"{path}: {count or 'no'} columns {shown(name)}; expected one; "
-                f"there are {listed(names)} (separated by commas)"
+                f"{path}: {count or 'no'} columns {name!r}; expected one; there are "
+                f"{listed(names)} (separated by commas)"
             )
 
 
-def in_columns(path: Path, names: Sequence[str], rows: Rows) -> Table:
-    """The table of rows under names.
-
-    Raises ScanError for a row that is shorter or longer.
-    """
-    lines, fields_by_row = zip(*rows, strict=True)
-    counts = np.array([*map(len, fields_by_row)])
-    table = Table(path, {}, lines)
-    table.refuse(
-        counts != len(names),
-        f"{{}} fields; expected {len(names)}: is the file cut short? "
-        "Are there decimal commas, or rows of a matrix?",
-        counts,
-    )
-    cells = zip(*fields_by_row, strict=True)
-    table.columns.update(zip(names, cells, strict=True))
-    return table
-
-
-def write_table(path: Path, columns: Mapping[str, Sequence]) -> None:
+def write_table(path: Path, columns: Columns) -> None:
     """Write a CSV file; numbers to twelve digits, times `t`, which may count from 1970,
     to all; NaN as an empty cell.
     """
-    arrays = {name: np.asarray(values) for name, values in columns.items()}
-    rows = max(map(len, arrays.values()))
-    with path.open("w", encoding="utf-8", newline="") as file:
+    cells = [
+        cells_of(np.asarray(values), "" if name == "t" else ".12g")
+        for name, values in columns.items()
+    ]
+    with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        for first in range(0, rows, PART):
-            part = slice(first, first + PART)
-            cells = [cells_of(arrays[name][part], name == "t") for name in arrays]
-            writer.writerows(zip(*cells, strict=True))
+        writer.writerows(zip(*cells, strict=True))
 
 
-def cells_of(values: ndarray, exact: bool) -> list:
-    """A column as `write_table` writes it."""
-    if values.dtype.kind != "f":
-        return values.tolist()
-    written = repr if exact else "{:.12g}".format
-    return ["" if np.isnan(value) else written(value) for value in values.tolist()]
+def cells_of(values: ndarray, form: str) -> Iterator[str]:
+    """A column as it is written, numbers in a form."""
+    if values.dtype.kind not in "iuf":
+        # str() of a scalar of numpy's loses a KeyboardInterrupt
+        return iter(values.tolist())
+    return ("" if n != n else format(n, form) for n in values.tolist())

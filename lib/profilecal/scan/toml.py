@@ -18,16 +18,15 @@ own.
 import json
 import tomllib
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, fields
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
-from profilecal.scan.tables import ScanError, naming, shown, text_of
+from profilecal.scan.tables import ScanError, listed, naming, shown, text_of
 
-# what a table in a file says, or fields of a Scan, by name
 Entries = dict[str, Any]
-# whether a value is allowed, and what is, in words
+# whether an entry may have a value, and what is expected, in words
 Rule = tuple[Callable[[Any], bool], str]
 
 
@@ -43,110 +42,93 @@ def number(low: float = 0.0, high: float = 1e6, kind: type = Real) -> Rule:
 
 def whole(low: int, high: int) -> Rule:
     """A whole number within these limits."""
-    allowed, _ = number(low, high, Integral)
-    return allowed, f"a whole number, {low} to {high}"
+    allowed, limits = number(low, high, Integral)
+    return allowed, f"a whole number, {limits}"
 
 
 def numbers(count: int) -> Rule:
     """A list of so many finite numbers."""
-    finite, _ = number(-1e6)
+    is_number, _ = number(-1e6, 1e6)
 
     def allowed(value: Any) -> bool:
         is_list = isinstance(value, list) and len(value) == count
-        return is_list and all(map(finite, value))
+        return is_list and all(map(is_number, value))
 
     return allowed, f"{count} numbers"
 
 
 def one_of(choices: Collection[Any]) -> Rule:
     """One of these; `TARGETS` may grow after it was made."""
-
-    def allowed(value: Any) -> bool:
-        return not isinstance(value, bool) and value in [*choices]
-
-    return allowed, " or ".join(map(str, choices))
+    expected = " or ".join(map(str, choices))
+    return (lambda value: value in [*choices] and value is not True), expected
 
 
-TABLE: Rule = (lambda value: isinstance(value, Mapping), "a table")
-TEXT: Rule = (
-    lambda value: isinstance(value, str) and value.isprintable() and len(value) <= 200,
+TABLE = (lambda value: isinstance(value, Mapping)), "a table"
+TEXT = (
+    lambda value: isinstance(value, str) and value.isprintable() and len(value) <= 1000,
     "one line of text",
 )
 Count = Annotated[int, whole(1, 10_000)]
-# of fields that are annotated with a type alone
-USUAL = {dict: TABLE, str: TEXT, int: whole(0, 10_000), float: number()}
+USUAL = {str: TEXT, int: whole(0, 10_000), float: number()}
 
 
-def entries_of(table: Any) -> dict[str, Any]:
+def entries_of(table: type) -> Entries:
     """What the entries of a table may be, by name: a `Rule`, or the dataclass that
     describes a table of its own.
     """
-    kinds: dict[str, Any] = {
-        # what `Annotated` adds to a type, or the type
-        entry.name: getattr(entry.type, "__metadata__", (entry.type,))[0]
-        for entry in fields(table)
+    hints = get_type_hints(table, include_extras=True)
+    return {
+        name: getattr(hint, "__metadata__", [USUAL.get(hint, hint)])[0]
+        for name, hint in hints.items()
     }
-    return {name: USUAL.get(kind, kind) for name, kind in kinds.items()}
 
 
 def check_entries(
-    path: str | Path,
-    entries: Mapping[str, Any],
-    described: Any,
-    table: str = "",
-    needed: Collection[str] = (),
+    path: str | Path, entries: Mapping[str, Any], described: Any, table: str = ""
 ) -> None:
-    """Refuse entries of a file, or of a table in it, that are unknown or not allowed,
-    and a file without those `needed`.
+    """Refuse entries of a file, or of a table in it, that are unknown, not allowed or
+    None, which stands for a missing one.
 
     The table is `described` by a dataclass, or by a dictionary as `entries_of` makes of
     one, in which a table of its own may be another dictionary. Raises ScanError.
     """
+    rules = described
+    if isinstance(described, type):
+        rules = entries_of(described)
+        own = fields(described)
+        needed = [f.name for f in own if f.default is f.default_factory is MISSING]
+        entries = dict.fromkeys(needed) | dict(entries)
     where = f" in [{table}]" if table else ""
-    if is_dataclass(described):
-        every = fields(described)
-        needed = [
-            one.name for one in every if one.default is one.default_factory is MISSING
-        ]
-        described = entries_of(described)
-    for name in needed:
-        if name not in entries:
-            raise ScanError(
-                f"{path}: {name} is missing{where}; expected {described[name][1]}"
-            )
     for name, value in entries.items():
-        if name not in described:
-            known = ", ".join(described) or "none"
-            raise ScanError(
-                f"{path}: unknown entry {shown(name)}{where}; there are {known}"
-            )
-        rule = described[name]
+        if name not in rules:
+            known = listed(rules) or "none"
+            unknown = f"unknown entry {shown(name)}{where}"
+            raise ScanError(f"{path}: {unknown}; there are {known}")
+        rule = rules[name]
         is_table = not isinstance(rule, tuple)
         allowed, expected = TABLE if is_table else rule
         if not allowed(value):
-            raise ScanError(
-                f"{path}: {name} is {shown(value)}{where}; expected {expected}"
-            )
+            found = f"{name} is {shown(value)}{where}"
+            raise ScanError(f"{path}: {found}; expected {expected}")
         if is_table:
             check_entries(path, value, rule, name)
 
 
 def read_toml(path: str | Path) -> Entries:
     """The content of a TOML file. Raises ScanError."""
-    path = Path(path)
     with naming(path):
-        return tomllib.loads(text_of(path, megabytes=1))  # such a file is hand-written
+        return tomllib.loads(text_of(Path(path), megabytes=1))
 
 
 def toml_text(entries: Mapping[str, Any]) -> str:
     """A dictionary of numbers, texts and nested lists of numbers, and one level of such
     dictionaries, as TOML.
     """
-    tables = {name: table for name, table in entries.items() if isinstance(table, dict)}
-    plain = {name: value for name, value in entries.items() if name not in tables}
-    text = ""
-    for name, table in ({"": plain} | tables).items():
-        text += f"\n[{name}]\n" if name and table else ""
-        for key, value in table.items():
-            text += f"{key} = {json.dumps(value, ensure_ascii=False, default=float)}\n"
-    return text
+    tables = {k: v for k, v in entries.items() if isinstance(v, Mapping)}
+    lines = [
+        f"{name} = {json.dumps(value, ensure_ascii=False, default=float)}\n"
+        for name, value in entries.items()
+        if name not in tables
+    ]
+    lines += [f"\n[{name}]\n{toml_text(own)}" for name, own in tables.items() if own]
+    return "".join(lines)

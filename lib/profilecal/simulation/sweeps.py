@@ -12,7 +12,7 @@ from numpy.random import Generator
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import Frames, inverse, rotations, unit
-from profilecal.scan.motion import DELAY_MS, checked_log
+from profilecal.scan.scan import DELAY_MS, checked_log
 from profilecal.scan.toml import Count, Entries, number, one_of
 from profilecal.simulation.robot import actual_poses, revisited
 from profilecal.simulation.scene import STANDOFF, Setup, in_unit_ball

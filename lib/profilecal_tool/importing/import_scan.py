@@ -13,8 +13,7 @@ from pandas import Series
 from profilecal.geometry.log import GAP
 from profilecal.geometry.progress import watched
 from profilecal.scan.folder import NO_POSES, check_header, scan_of
-from profilecal.scan.motion import checked_log
-from profilecal.scan.scan import Scan
+from profilecal.scan.scan import Scan, checked_log
 from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.blocks import Block, Files, Part, counted, label_of
 from profilecal_tool.importing.pair_profiles import Times, pair_profiles

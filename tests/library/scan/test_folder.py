@@ -183,7 +183,6 @@ def too_large(folder):
     os.truncate(folder / "arcs.csv", 500_000_000)
 
 
-RADIUS_IS = r"radius is {} in \[target\]; expected 0.5 to 1000".format
 LONG_COMMENT = "#" * 1_000_000
 MISTAKES = {  # by what is said of each
     # scan.toml
@@ -194,8 +193,9 @@ MISTAKES = {  # by what is said of each
     ),
     "units is 'inch'; expected mm or m": header('"mm"', '"inch"'),
     r"kind is 'sphere' in \[target\]; expected edge or": header('"ball"', '"sphere"'),
-    RADIUS_IS("missing"): header("radius = 25.0", ""),
-    RADIUS_IS("a huge number"): header("25.0", f"1{'0' * 400}"),
+    r"radius is missing in \[target\]; expected 0.5 to 1000": header(
+        "radius = 25.0", ""
+    ),
     "'edge' needs profiles or points": header('"ball"\nradius = 25.0', '"edge"'),
     "target is 5; expected a table": written("scan.toml", "target = 5"),
     "scan.toml: nested too deeply": header("25.0", "[" * 20_000),
@@ -243,7 +243,7 @@ MISTAKES = {  # by what is said of each
     "line 4: no group; expected": poses(everywhere(group=[*"ab", *[None] * 10])),
     "poses.csv.*are the units": poses(in_metres("x", "y", "z")),
     "line 2: z is -32768; expected at most 10000: .*blank": arcs(everywhere(z=-32768)),
-    r"line 6: the flange is 2.5e\+04 mm": poses(
+    r"line 6: the flange is 2500\d.* mm": poses(
         lambda table: table.assign(x=25e3 * (table.index == 4))
     ),
 }

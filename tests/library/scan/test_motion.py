@@ -141,6 +141,7 @@ MISTAKES = {
     "delay_ms is -900 in .motion.; expected -200 to 200": edited(
         "scan.toml", "[noise]", "[motion]\ndelay_ms = -900\n\n[noise]"
     ),
+    "found none among x, y, z, a, o, c": edited("log.csv", "a,b", "a,o"),
     "log has 1 rows; expected two or more": written(
         "log.csv", "t,x,y,z,a,b,c\n1,500,0,0,0,0,0\n"
     ),
