@@ -43,10 +43,9 @@ def check_array(
     if not fits:
         expected = str(shape).replace("None", "n")
         raise ValueError(f"{name} has shape {array.shape}; expected {expected}")
-    bad = np.argwhere(~np.isfinite(array) & finite)
-    if len(bad):
-        value = array[tuple(bad[0])]
-        raise ValueError(f"{name}{bad[0].tolist()} is {value}; expected finite numbers")
+    for place in np.argwhere(~np.isfinite(array) & finite):
+        value = array[tuple(place)]
+        raise ValueError(f"{name}{place.tolist()} is {value}; expected finite numbers")
     return array
 
 
@@ -64,8 +63,7 @@ def check_rotations(name: str, values: ArrayLike, count: int) -> ndarray:
     orthonormal within 1e-3, and for a reflection.
     """
     array = check_array(name, values, (count, 3, 3))
-    differences = np.abs(array @ array.mT - np.eye(3))
-    excess = differences.max(axis=(1, 2), initial=0.0)
+    excess = np.abs(array @ array.mT - np.eye(3)).max(axis=(1, 2), initial=0.0)
     for k in np.flatnonzero(excess > ORTHONORMAL_TOLERANCE):
         raise ValueError(
             f"{name}[{k}] is not orthonormal: R Rᵀ differs from the identity by "

@@ -76,11 +76,10 @@ def check_alike(name: str, R: ndarray, labels: ndarray) -> ndarray:
     _, firsts, number = np.unique(labels, return_index=True, return_inverse=True)
     first = firsts[number]
     apart = np.degrees(angle_between(R, R[first]))
-    if len(R) and apart.max() > LARGEST_IN_GROUP_DEG:
-        worst = apart.argmax()
+    for k in np.flatnonzero(apart > LARGEST_IN_GROUP_DEG):
         raise ValueError(
-            f"{name}[{worst}] differs from {name}[{first[worst]}], which has the same "
-            f"label in group, by {apart[worst]:.2g}°; expected one orientation"
+            f"{name}[{k}] differs from {name}[{first[k]}], which has the same label in "
+            f"group, by {apart[k]:.2g}°; expected one orientation"
         )
     return number
 

@@ -114,8 +114,7 @@ class Rod(Round):
         # points of one profile, or fewer than ten, leave some of them open
         ridge = 1e-9 * np.eye(10) * p.shape[-2]
         x = np.linalg.solve(A.mT @ A + ridge, A.mT @ square[..., None])[..., 0]
-        D = np.empty((*x.shape[:-1], 3, 3))
-        D[..., i, j] = D[..., j, i] = x[..., :6]
+        D = x[..., [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
         return fit_around(with_sign(np.linalg.eigh(D)[1][..., 2]), points)
 
     def lines(self, points: ndarray) -> list[ndarray]:
