@@ -14,7 +14,7 @@ def test_examples_run():
     for path in MODULES:
         place = path.relative_to(PACKAGE.parent).with_suffix("")
         module = import_module(".".join(place.parts))
-        ran = doctest.testmod(module)
+        ran = doctest.testmod(module, globs={})  # as they are copied
         assert not ran.failed, place
         examples += ran.attempted
     assert examples >= 5

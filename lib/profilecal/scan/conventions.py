@@ -54,6 +54,7 @@ def find_convention(columns: Collection[str]) -> Convention:
 
     Raises ValueError where there is none, or more than one.
 
+    >>> from profilecal.scan.conventions import find_convention
     >>> find_convention(["pose", "x", "y", "z", "w", "p", "r"]).meaning
     'R = Rz(R) Ry(P) Rx(W)'
     """
@@ -112,7 +113,8 @@ def pose_matrices(
 
     Examples
     --------
-    >>> pose_matrices([[400, 0, 300]], [[90, 0, 0]], "KUKA angles")[0].round(3)
+    >>> import profilecal as pc
+    >>> pc.pose_matrices([[400, 0, 300]], [[90, 0, 0]], "KUKA angles")[0].round(3)
     array([[  0.,  -1.,   0., 400.],
            [  1.,   0.,   0.,   0.],
            [  0.,   0.,   1., 300.],

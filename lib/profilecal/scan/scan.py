@@ -193,9 +193,10 @@ class Scan:
         Examples
         --------
         >>> import numpy as np
+        >>> import profilecal as pc
         >>> poses = np.tile(np.eye(4), (3, 1, 1))
         >>> poses[:, :3, 3] = [[400, 0, 300], [400, 20, 300], [400, 0, 320]]
-        >>> scan = Scan.of("edge", poses, points=[[1, 90], [2, 91], [1, 95]])
+        >>> scan = pc.Scan.of("edge", poses, points=[[1, 90], [2, 91], [1, 95]])
         >>> scan
         Scan(edge, 3 poses of 1 orientation, points, eye-in-hand)
 
@@ -203,9 +204,9 @@ class Scan:
 
         >>> log = [0, 1, 2, 3], np.tile(np.eye(4), (4, 1, 1))
         >>> log[1][:, :3, 3] = [[400, 20 * t, 300] for t in range(4)]
-        >>> times, sweeps = [1.0, 1.1, 1.2], ["there"] * 3
+        >>> t, sweeps = [1.0, 1.1, 1.2], ["there"] * 3
         >>> points = [[1, 90], [2, 91], [1, 95]]
-        >>> scan = Scan.of("edge", points=points, log=log, times=times, sweeps=sweeps)
+        >>> scan = pc.Scan.of("edge", points=points, log=log, times=t, sweeps=sweeps)
         >>> scan
         Scan(edge, 3 profiles in 1 sweep, points, eye-in-hand)
         >>> scan.p_base_flange[1].round(3)
