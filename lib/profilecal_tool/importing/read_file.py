@@ -91,16 +91,18 @@ def is_readable(path: Path) -> bool:
     return is_text or path.suffix.lower() in BINARY | SHEETS
 
 
-def mark_between(text: str) -> str | None:
-    """What stands between columns (None: spaces). Commas are decimal ones in "1;2,5",
-    and in "1,5 2,5", with one before and one behind a space.
+def dialect(text: str) -> tuple[str | None, bool]:
+    """What stands between columns (None: spaces), and whether commas are decimal ones:
+    so they are in "1;2,5", and in "1,5 2,5", with one before and one behind a space;
+    but not in "1,433;2.5".
     """
     rows = [line for line in text.splitlines() if re.search(r"\d", line)]
     most = len(rows) / 2
     mark = next((m for m in ";\t|," if sum(m in row for row in rows) > most), None)
     if mark == "," and re.search(r"\d,\d+[ ]+[-+]?\d+,\d", text):
         mark = None
-    return mark
+    has_points = re.search(r"\d,\d+[;\t ]+[-+]?\d+\.\d+[;\s]", text)
+    return mark, mark != "," and not has_points
 
 
 def runs_of_lines(
@@ -169,9 +171,9 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     What goes on without titles below a remark or blank lines has those above. Raises
     ScanError for a row that lost a field.
     """
-    mark = mark_between(content[:BEGIN].decode(errors="ignore"))
+    mark, has_decimal_commas = dialect(content[:BEGIN].decode(errors="ignore"))
     between = mark and mark.encode()
-    if mark != ",":  # decimal commas become points, which are as long
+    if has_decimal_commas:  # they become points, which are as long
         for digit in "0123456789":  # 10 times faster than an expression
             content = content.replace(f",{digit}".encode(), f".{digit}".encode())
     stream = BytesIO(content)

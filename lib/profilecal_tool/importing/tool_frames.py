@@ -44,7 +44,7 @@ def of_one_frame(
     of_all = sorted({frame for pose, frame in uses if not pose})
     if len(of_all) > 1:
         sentence = f"no line says which poses are of {which} {' or '.join(of_all)}"
-        raise ScanError(f"{poses.path}: {sentence}; leave one program per {which}")
+        raise ScanError(f"{poses.path}: {sentence}; split it, one per {which}")
     if option == which:
         return without(poses, {pose for pose, frame in uses if frame != said}), said
     frames = [frame for _, frame in uses]

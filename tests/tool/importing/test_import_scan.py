@@ -344,7 +344,7 @@ SAID = {
     "moves that name no poses": (
         a_file("scan.pcs", DENSO),
         "--where tool=2",
-        "no line says which poses are of tool 0 or 1 or 2; leave one program per tool",
+        "no line says which poses are of tool 0 or 1 or 2; split it, one per tool",
     ),
     "two that moves have": (
         abb,
@@ -431,6 +431,10 @@ SAID = {
         edited("z.csv", "XP1;", "X;"),
         edited("z.csv", "XP2;", "Z;"),
         "by column 1, rows are of x and of z by turns",
+    ),
+    "thousands": (
+        a_file("p.csv", "x;y;z;a;b;c" + 12 * "\n1,433;2.5;3;4;5;6"),
+        "x is '1,433'",
     ),
     "a file of both": (tum, "--poses p*.tum --profiles *.tum", "no x and z in columns"),
     "rows": (tum, "--where y=0", "no rows where y=0; the columns are … x, z"),
