@@ -94,8 +94,7 @@ class Pool:
         if len(model.before[1]):
             _, done, _ = model.linear(*model.before)
             precision += done.posterior(variances[None]).normal[0, :-1, :-1]
-        blocks = each_alone(linear, variances) * scale
-        values, vectors = np.linalg.eigh(blocks)
+        values, vectors = np.linalg.eigh(each_alone(linear, variances) * scale)
         large = (values > NEGLIGIBLE * values.max()).any(axis=0)
         lengths = np.sqrt(np.maximum(values[:, None, large], 0))
         self.R, self.T = R, T
@@ -281,8 +280,9 @@ def along_lines(plan: Plan, motion: Motion, rng: Generator) -> Plan:
         for reason, count in Counter(why[~possible].tolist()).most_common()
     ]
     if not possible.any():
-        reasons = ", ".join(left_out)
-        raise ScanError(f"no straight sweep fits within the limits: {reasons}")
+        raise ScanError(
+            f"no straight sweep fits within the limits: {', '.join(left_out)}"
+        )
     R = plan.R[possible].repeat(4, axis=0)
     T = ends[possible][:, [0, 1, 1, 0]].reshape(-1, 3)
     record, flange = drive(

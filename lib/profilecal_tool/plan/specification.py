@@ -163,8 +163,10 @@ class PlannedSpec(Spec):
             return super().sweeps(scene, motion, rng)
         R, T = scene.poses[0], scene.poses[1][:, 0]
         if len(T) % 2 or (T[::2] == T[1::2]).all(axis=1).any():
-            expected = "two rows for each sweep, where it begins and where it ends"
-            raise ScanError(f"{self.poses}: expected {expected}")
+            raise ScanError(
+                f"{self.poses}: expected two rows for each sweep, where it begins and "
+                "where it ends"
+            )
         return straight(scene, R, T, motion.speed)
 
 

@@ -43,9 +43,11 @@ class Task:
         """
         model, rng, asked = self.model, self.rng, self.model.limits.poses
         if self.motion:
+            most = asked or model.limits.most
             for count in [asked] if asked else LINES:
-                plan = along_lines(design(model, rng, poses=count), self.motion, rng)
-                if not plan.falls_short:
+                lines = min(count, most)
+                plan = along_lines(design(model, rng, poses=lines), self.motion, rng)
+                if lines == most or not plan.falls_short:
                     break
             return plan
         plan = design(model, rng)
@@ -53,10 +55,8 @@ class Task:
             # do only the margins of the guess keep it from what is wanted?
             exact = design(replace(model, guess=None), rng)
             if not exact.falls_short:
-                plan = replace(
-                    design(model, rng, poses=min(FEW, model.limits.most)),
-                    is_first_step=True,
-                )
+                few = min(FEW, model.limits.most)
+                plan = replace(design(model, rng, poses=few), is_first_step=True)
         return plan
 
     def plan_of(self, place: Path) -> Plan:
@@ -88,8 +88,7 @@ class Task:
         if plan.speed:
             table, ends = "sweeps", ("begin", "end")
             labels = [f"s{k // 2 + 1} {ends[k % 2]}" for k in numbers]
-        flange = self.model.in_base(plan.R, plan.T)
-        columns = poses_columns(*flange, source.convention)
+        columns = poses_columns(*self.model.in_base(plan.R, plan.T), source.convention)
         write_table(folder / f"{table}.csv", {"pose": labels} | columns)
         title = source.title or f"planned {source.kind}"
         texts = {"scan": header_of(source, title, self.stated)}

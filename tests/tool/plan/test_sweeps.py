@@ -41,8 +41,9 @@ def test_sweeps_are_as_many_as_it_takes_and_limits_cost_some(tmp_path):
     plans = [read_task(spec, until=wish).plan() for wish in ((0.6, 0.4), (0.2, 0.15))]
     assert not any(plan.falls_short for plan in plans)
     assert len(plans[0].T) < len(plans[1].T)
-    spec_in(tmp_path, *IN_MOTION, ("[plan]", "[plan]\nlow = [880, -60, 380]"))
-    plan = read_task(spec, poses=6).plan()
+    hopeless = "[plan]\nmost = 6\nuntil = [0.01, 0.01]\nlow = [880, -60, 380]"
+    spec_in(tmp_path, *IN_MOTION, ("[plan]", hopeless))
+    plan = read_task(spec).plan()
     lines = 6 - sum(int(why.split()[0]) for why in plan.left_out)
     assert 4 * lines == len(plan.T) < 24
     flat = "low = [880, -60, 419]\nhigh = [2000, 60, 420]"
