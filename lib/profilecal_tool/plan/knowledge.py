@@ -4,12 +4,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 from numpy.random import Generator
 from scipy.optimize import linprog
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.observe import as_observations, observe
-from profilecal.geometry.poses import nearest_rotation
+from profilecal.geometry.poses import carry, nearest_rotation
 from profilecal.joint.prior import prior_from
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError
@@ -92,12 +93,14 @@ def model_of_scan(found: Calibration) -> ScanModel:
     solution, (scan,), (seen,) = found.solution, found.scans, found.observed
     observed = seen.keep(solution.kept[0])
     R, T = observed.R_flange[0], observed.T_flange[0]
+    R_view, T_view = R @ solution.rotation, carry(R, T, solution.translation)
+    target = solution.placements[0]
     model = ScanModel(
-        target=solution.placements[0],
-        facing=nearest_rotation((R @ solution.rotation).mean(axis=0)),
+        target=target,
+        facing=nearest_rotation(R_view.mean(axis=0)),
         R_sensor=solution.rotation,
         T_sensor=solution.translation,
-        scanner=scanner_of(scan, seen),
+        scanner=scanner_of(scan, target.points_seen(R_view, T_view, 5)),
         noise=solution.noise.of_sizes(solution.error_sizes.of_robot),
         systematic=solution.prior.systematic,
         to_hand=observed.eye_to_hand,
@@ -116,15 +119,15 @@ def model_of_scan(found: Calibration) -> ScanModel:
     return replace(model, limits=limits)
 
 
-def scanner_of(scan: Scan, observed: Observations) -> Scanner:
-    """A scanner that sees a little more than one did: of all views whose half width
-    grows evenly from a to b and holds what was seen, |x| ≤ (1 - s) a + s b at the share
-    s of the depth, the one of the least a + b.
+def scanner_of(scan: Scan, seen: ndarray) -> Scanner:
+    """A scanner that sees a little more than one did, which saw points (..., 2) of the
+    target, or raw profiles: of all views whose half width grows evenly from a to b and
+    holds what was seen, |x| ≤ (1 - s) a + s b at the share s of the depth, the one of
+    the least a + b.
     """
-    seen = observed.points.reshape(-1, 2)
     if scan.measured == "profiles":
         seen = np.concatenate(scan.values)
-    x, z = seen[np.isfinite(seen).all(axis=1)].T
+    x, z = seen[np.isfinite(seen).all(axis=-1)].T
     near, far = max(z.min() - BESIDE_MM, 1.0), z.max() + BESIDE_MM
     share = (z - near) / (far - near)
     at_least = np.stack([share - 1, -share], axis=1)

@@ -13,7 +13,7 @@ import profilecal as pc
 from profilecal.geometry.noise import Systematic
 from profilecal.joint.solve import solve
 from profilecal_tool.plan.candidates import draw
-from profilecal_tool.plan.knowledge import scanner_of
+from profilecal_tool.plan.knowledge import model_of_scan, scanner_of
 from profilecal_tool.plan.scan_model import each_alone, predict
 
 MEASURED = [*((kind, "profiles") for kind in KINDS), ("ball", "arcs")]
@@ -40,9 +40,11 @@ def test_what_is_predicted_is_what_a_calibration_states(kind, measured):
 
 def test_the_noise_of_arcs_is_what_a_calibration_finds_of_them():
     scan = replace(scan_of("ball", seed=2, groups=20), noise={})
-    found = pc.calibrate(scan).solution
+    found = pc.calibrate(scan)
     predicted = model_for("ball", "arcs").noise
     assert predicted.profile_mm == pytest.approx(found.noise_mm, rel=0.1)
+    # of the balls, the scanner saw what is before their centres
+    assert model_of_scan(found).scanner.far < np.concatenate(scan.values)[:, 1].max()
 
 
 @pytest.mark.parametrize("kind", [*KINDS, "point"])
@@ -67,8 +69,7 @@ def test_a_prediction_says_how_far_it_depends_on_the_guess(kind, least, most):
     R, T = draw(model, 15, rng)
     (smallest_mm, _), (largest_mm, _) = predict(model, R, T, rng).between
     assert least < largest_mm / smallest_mm < most
-    exact = replace(model, guess=None)
-    assert predict(exact, R, T, rng).between == ()
+    assert predict(replace(model, guess=None), R, T, rng).between == ()
     places = np.array([model.elsewhere(rng).T_sensor for _ in range(50)])
     shifts = np.linalg.norm(places - model.T_sensor, axis=1)
     assert 4 < shifts.max() <= model.guess.mount_mm
@@ -86,8 +87,8 @@ def test_a_scanner_is_believed_to_see_10_mm_more_to_each_side_than_it_did():
     """Its rays fan out; near by it sees less to the sides."""
     z = np.linspace(70, 150, 81)
     ends = np.concatenate([[z / 4, z], [-z / 4, z], [0 * z, z]], axis=1).T
-    scan, model = scan_of("edge", measured="profiles"), model_for("edge")
+    scan = scan_of("edge", measured="profiles")
     scan = replace(scan, values=(ends,) * len(scan.values))
-    believed = scanner_of(scan, model.observed(*draw(model, 3, default_rng(5))))
+    believed = scanner_of(scan, ends)
     assert (believed.near, believed.far) == (60, 160)
     assert_allclose(believed.half_width(z), z / 4 + 10)
