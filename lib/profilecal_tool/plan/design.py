@@ -108,7 +108,7 @@ class Pool:
 
     def lacks(self, chosen: Chosen, times: float = 1.0) -> float:
         """How many times the largest standard deviation is what is wanted."""
-        return largest_sd(self.covariance(chosen, times)[:6, :6]).max()
+        return largest_sd(self.covariance(chosen, times)).max()
 
     def with_each(self, chosen: Chosen) -> ndarray:
         """The `smooth_worst` of the poses chosen and of one more, for each (N,). With S

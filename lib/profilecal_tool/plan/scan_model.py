@@ -138,10 +138,10 @@ def joined(*poses: Frames) -> Frames:
 
 
 def largest_sd(covariance: ndarray) -> ndarray:
-    """The largest standard deviations (2,), of a covariance (6, 6) of a pose: of the
-    translation in any direction, and of the rotation about any axis.
+    """The largest standard deviations (2,), of a covariance whose first six entries are
+    of a pose: of the translation in any direction, and of the rotation about any axis.
     """
-    blocks = covariance[:3, :3], covariance[3:, 3:]
+    blocks = covariance[:3, :3], covariance[3:6, 3:6]
     return np.sqrt(np.linalg.norm(blocks, 2, axis=(1, 2)))
 
 
