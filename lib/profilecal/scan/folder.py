@@ -13,6 +13,7 @@ from numpy import ndarray
 
 from profilecal.geometry.checks import FARTHEST_MM, REACH_MM
 from profilecal.geometry.poses import homogeneous
+from profilecal.geometry.progress import watched
 from profilecal.scan.conventions import (
     CONVENTIONS,
     find_convention,
@@ -269,7 +270,7 @@ def read_measurements(
     # where each pose stands, by its label; in motion, by its sweep and time
     place: dict[Any, int] = {label: k for k, label in enumerate(labels)}
     places, values = [], []
-    for table in read_parts(path, required):
+    for table in watched(read_parts(path, required), f"reading {path.name}"):
         keys = moments(table) if moving else table.labels().tolist()
         for key in keys:
             if isinstance(key, tuple):

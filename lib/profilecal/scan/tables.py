@@ -258,18 +258,21 @@ def rows_of_text(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def parts_of_arrays(path: Path, required: Collection[str]) -> Iterator[Table]:
-    """The arrays of an .npz file as tables of some rows."""
+    """The required arrays of an .npz file as tables of some rows."""
     try:
         with path.open("rb") as stream, np.load(stream) as file:
-            arrays = [(name.strip().lower(), file[name]) for name in file.files]
-            rows = arrays[0][1].size
+            names = {own: own.strip().lower() for own in file.files}
+            arrays = {
+                name: file[own] for own, name in names.items() if name in required
+            }
     except Exception as error:  # of numpy, of the archive, of what is packed in it
         raise ScanError(
             f"{path}: no arrays; expected what numpy.savez writes of numbers and text "
             "(dtype str): is it cut short?"
         ) from error
-    check_columns(path, required, [name for name, _ in arrays], rows)
-    for name, array in arrays:
+    rows = min((array.size for array in arrays.values()), default=0)
+    check_columns(path, required, [*names.values()], rows)
+    for name, array in arrays.items():
         if array.shape != (rows,) or array.dtype.kind not in "iufU":
             raise ScanError(
                 f"{path}: {name} is {array.dtype} of shape {array.shape}; "
@@ -277,7 +280,7 @@ def parts_of_arrays(path: Path, required: Collection[str]) -> Iterator[Table]:
             )
     for begin in range(0, rows, PART):
         some = slice(begin, begin + PART)
-        columns = {name: array[some] for name, array in arrays}
+        columns = {name: array[some] for name, array in arrays.items()}
         yield Table(path, columns, range(1, rows + 1)[some], "row")
 
 

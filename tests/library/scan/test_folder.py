@@ -120,7 +120,8 @@ def as_arrays(name, **changed):
         table = pd.read_csv(folder / f"{name}.csv")
         columns = {key.title(): table[key].to_numpy() for key in table} | changed
         labels = columns["Pose"].astype(str)
-        np.savez(folder / f"{name}.npz", **columns | {"Pose": labels})
+        labelled = columns | {"Pose": labels}
+        np.savez(folder / f"{name}.npz", about=["noon", "hall 2"], **labelled)
         (folder / f"{name}.csv").unlink()
 
     return change
