@@ -29,7 +29,8 @@ def test_a_log_has_a_row_a_day_and_a_picture(tmp_path):
     assert "along the sensor's z, and no other way" in moved.output
     single = checked("single", 1, 0, log)
     assert "left it, in the 3 of 6 directions that these poses test" in single.output
-    assert len(log.read_text().splitlines()) == 4
+    assert "that it is larger if" not in checked("lone", 1, 5, log).output
+    assert len(log.read_text().splitlines()) == 5
     assert (tmp_path / "log.png").stat().st_size > 10_000
     other = tmp_path / "other.csv"
     other.write_text("a,b\n1,2\n")

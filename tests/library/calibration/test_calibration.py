@@ -66,6 +66,7 @@ def test_where_the_view_ends_few_profiles_know_by_another_scan():
     assert len(observe(few).poses) < 3
     (_, seen), _, _ = observe_all([many, few])
     assert np.abs(seen.points - tips[20:]).max() < 0.25  # mm, what is resolved
+    assert seen.covariance[:, :2, 2:].all()  # tips of one chord err together
 
 
 def test_scans_that_do_not_belong_together_are_refused():

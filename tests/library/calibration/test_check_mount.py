@@ -124,6 +124,13 @@ def test_points_are_judged_by_the_noise_that_they_state():
     later = scan_of("edge", seed=1, scan=2)
     assert found.noise_mm < later.noise["profile_mm"] / 2
     assert pc.check_mount(found, later).as_expected
+    corners = scan_of("edge", seed=1, scan=2, **plan)
+    assert corners.noise  # of points, not of what is fitted to them
+    checks = [
+        pc.check_mount(found, replace(corners, noise=own))
+        for own in (corners.noise, {})
+    ]
+    assert checks[0].chi2 == checks[1].chi2
 
 
 def test_answers_without_what_it_takes_are_refused():
