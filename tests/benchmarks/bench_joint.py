@@ -81,7 +81,7 @@ def scan_row(name: str, kind: str, measured: str, most: float) -> dict:
         return scipy_solution(problem, problem.place(R[None], T[None]))
 
     ours, theirs = least(
-        lambda: systematic_tests(solve(observed, prior)), plain, repeats=7
+        lambda: systematic_tests(solve(observed, prior), {}), plain, repeats=7
     )
     reference = f"{PEER} from 5 mm and 3° off, with our derivatives; no robot errors"
     name = f"joint: one scan of 60 poses, {name}"

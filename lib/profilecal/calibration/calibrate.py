@@ -139,19 +139,19 @@ def believed(
     mount, if they agree, with sentences on what rests on the mount. Raises
     UnobservableError where measurements are fewer than unknowns.
     """
-    mount = prior.mount
+    mount, parts = prior.mount, parts_of(scans, seen)
     starts = [(mount.rotation, mount.translation)] if mount else []
     alone = solve(observed, replace(prior, mount=None), starts=starts)
-    solution, by_residuals = plausibility.check(alone)
+    solution, by_residuals = plausibility.check(alone, parts)
     objections = disagreement(solution, mount)
     if mount and solution.status != "ok":
-        both, against = plausibility.check(solve(observed, prior, starts=starts))
+        both = solve(observed, prior, starts=starts)
+        both, against = plausibility.check(both, parts)
         if not (against or disagreement(both, mount)):
             messages = (*rests_on(both, mount), *both.messages)
             solution = replace(both, messages=messages)
             by_residuals, objections = [], []  # which are on the other solution
     objections += other_sides(scans, seen, solution)
-    objections += plausibility.moved(solution, parts_of(scans, seen))
     if objections and solution.status == "ok":
         solution = replace(solution, status="weak")
     return solution, objections + by_residuals

@@ -16,7 +16,7 @@ from numpy import ndarray
 from scipy.linalg import block_diag
 from scipy.special import ndtr
 
-from profilecal.calibration.evidence import evidence
+from profilecal.calibration.evidence import Evidence, evidence
 from profilecal.geometry.noise import FALSE_ALARM, SMOOTH, normalised_square
 from profilecal.geometry.observability import (
     HAND_PRECISION,
@@ -39,6 +39,7 @@ SHADOW = 0.8
 # of an error's own pattern: less is left of it beside the unknowns than rounding
 ABSORBED = 1e-9
 SMALLER = np.array([1, 1 / 4, 1 / 16])  # times which the robot's errors are looked at
+UNIT = WEAK * HAND_PRECISION  # (6,) of moves of the sensor, mm and rad
 ADVICE = (
     "check the mount, units and convention of the poses, which pose each profile "
     "belongs to, x and z of the profiles, the radius"
@@ -74,20 +75,62 @@ class Finding:
         return self.error.words.format(sign, size)
 
 
-def systematic_tests(solution: Solution) -> list[Finding]:
-    """What might be wrong everywhere, each by itself."""
+def systematic_tests(
+    solution: Solution, parts: Mapping[str, ndarray]
+) -> tuple[list[Finding], list[str]]:
+    """What might be wrong everywhere, each by itself, and what `moved` says of parts of
+    the profiles. `parts`: by words on it, which profiles (profiles,) are of it.
+
+    Both are steps in one model, of which nothing is known beforehand: of errors first,
+    then of the sensor, part by part.
+    """
     problem = solution.problem
     tried = [*OF_SCANNER, *of_target(problem.observations), *robot_patterns(problem)]
     model = solution.model(tried)
-    n = model.p - len(tried)
-    (normal,) = model.posterior(solution.error_sizes.median_v[None]).normal
+    p, n = model.p, model.p - len(tried)
+    steps = len(tried) + 6 * len(parts)
+    of_part = np.reshape([*parts.values()], (len(parts), len(model.kept))).T
+
+    def widened(rows: ndarray) -> ndarray:
+        """[A | B | r] of [A | r]; B has the columns of the sensor, part by part."""
+        B = rows[..., None, :6] * UNIT * of_part[:, None, :, None]
+        return np.insert(rows, [p], B.reshape(*rows.shape[:2], -1), axis=2)
+
+    known = model.precision[:n, :n]
+    model = replace(  # large, so that the one before is not to stay
+        model,
+        Y=widened(model.Y),
+        rest=widened(model.rest),
+        precision=block_diag(known, np.eye(steps)),
+        of_mount=problem.of_mount(solution.state, n + steps)[0],
+    )
+    is_robots = [False, *(name != SMOOTH for name in model.names)]
+    smaller = np.where(is_robots, SMALLER[: None if parts else 1, None], 1.0)
+    posterior = model.posterior(smaller**2 * solution.error_sizes.median_v)
+    every = [evidence(normal, known) for normal in posterior.normal]
+    of_errors = every[0].of(slice(len(tried)))
+    pattern = np.diag(posterior.normal[0])[n:p]
+    without = posterior.log_evidence - [says.log_odds for says in every]
+    single = [
+        says.of(slice(k, k + 6)) for says in every for k in range(len(tried), steps, 6)
+    ]
+    found = findings(solution, tried, of_errors, pattern)
+    return found, moved([*parts], single, without) if parts else []
+
+
+def findings(
+    solution: Solution, tried: list[Perturbation], says: Evidence, pattern: ndarray
+) -> list[Finding]:
+    """Of errors tried, by what residuals say of them: those that are seen beside the
+    unknowns. `pattern` (d,): the square of each error's own pattern.
+    """
     with np.errstate(invalid="ignore", divide="ignore"):
-        says = evidence(normal, model.precision[:n, :n])
         corrections, sds = says.each()
-        visible = sds**-2 > ABSORBED * np.diag(normal)[n:-1]
+        visible = sds**-2 > ABSORBED * pattern
         clear = abs(corrections / sds)
         moves = (says.moves[:6] * corrections).T
     # by error considered, the chance that it is far larger than usual
+    problem = solution.problem
     poor = solution.error_sizes.poor[problem.considered_columns]
     allowed = dict(zip(problem.considered, poor, strict=True))
     not_allowed_for = [1 - allowed.get(error, 0.0) for error in tried]
@@ -95,45 +138,22 @@ def systematic_tests(solution: Solution) -> list[Finding]:
     return [*compress(every, visible)]
 
 
-def moved(solution: Solution, parts: Mapping[str, ndarray]) -> list[str]:
+def moved(words: list[str], single: list[Evidence], without: ndarray) -> list[str]:
     """A sentence on the part of the profiles whose sensor pose is most clearly another
-    one than that of all others, if there is one. `parts`: by words on it, which
-    profiles (profiles,) are of it.
+    one than that of all others, if there is one. `words` on each part, with a place for
+    how far; `single`: what residuals say of a move of each by itself, for each size of
+    the robot's errors; `without`: the log evidence of each size without a move.
 
     Where none moved, a move makes the residuals n times as likely in one of n scans at
     most. Errors that were estimated without a move explain it if they are large: they
     are looked at if they are smaller, too.
     """
-    model = solution.model()
-    of_part = np.stack([*parts.values()], axis=1)
-    unit = WEAK * HAND_PRECISION
-
-    def widened(rows: ndarray) -> ndarray:
-        """[A | B | r] of [A | r]; B has the columns of the sensor, part by part."""
-        B = rows[..., None, :6] * unit * of_part[:, None, :, None]
-        return np.insert(rows, [model.p], B.reshape(*rows.shape[:2], -1), axis=2)
-
-    wide = replace(
-        model,
-        Y=widened(model.Y),
-        rest=widened(model.rest),
-        precision=block_diag(model.precision, np.eye(6 * len(parts))),
-        of_mount=0.0,
-    )
-    is_robots = [False, *(name != SMOOTH for name in model.names)]
-    smaller = np.where(is_robots, SMALLER[:, None], 1.0)
-    posterior = wide.posterior(smaller**2 * solution.error_sizes.median_v)
-    every = [evidence(normal, model.precision) for normal in posterior.normal]
-    without = posterior.log_evidence - [says.log_odds for says in every]
-    single = [
-        says.of(slice(6 * k, 6 * k + 6)) for says in every for k in range(len(parts))
-    ]
-    with_one = without.repeat(len(parts)) + [says.log_odds for says in single]
+    count = len(words)
+    with_one = without.repeat(count) + [says.log_odds for says in single]
     best = int(np.argmax(with_one))
-    if with_one[best] - without.max() < np.log(len(parts) / FALSE_ALARM):
+    if with_one[best] - without.max() < np.log(count / FALSE_ALARM):
         return []
-    far = how_far(single[best].likeliest * unit)
-    return [[*parts][best % len(parts)].replace("{}", far)]
+    return [words[best % count].replace("{}", how_far(single[best].likeliest * UNIT))]
 
 
 def robot_patterns(problem: Problem) -> list[Perturbation]:
@@ -173,18 +193,23 @@ def drifted(T: ndarray, along: ndarray) -> ndarray:
     return np.outer(np.linspace(0, 1, len(T)), along)
 
 
-def check(solution: Solution) -> tuple[Solution, list[str]]:
+def check(
+    solution: Solution, parts: Mapping[str, ndarray] | None = None
+) -> tuple[Solution, list[str]]:
     """The solution with the status and the covariance that its residuals leave, and
     sentences on what in them speaks against it, which more poses would not mend.
+    `parts` as `systematic_tests` takes them.
     """
-    objections, are_large = contradictions(solution)
+    found, objections = systematic_tests(solution, parts or {})
+    misfits, are_large = contradictions(solution)
+    objections += misfits
     if are_large:  # what poses to add, as the solution says, does not mend that
         solution = replace(solution, status="unobservable", messages=())
     if solution.status == "unobservable":
         return solution, objections
     C = solution.covariance
     before = solution.observability
-    guilty = clear_findings(systematic_tests(solution))
+    guilty = clear_findings(found)
     enlarged = C + sum(
         one.not_allowed_for * np.outer(one.moves, one.moves) for one in guilty
     )

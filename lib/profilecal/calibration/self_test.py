@@ -158,7 +158,7 @@ def self_test(found: Calibration, count: int = 100, seed: int = 1) -> SelfTest:
         again = solve(observed, guessed_anew(solution, rng), robust=False)
         error = difference(again.pose, solution.pose)
         squares.append(normalised_square(again.covariance, error))
-    tests = systematic_tests(solution)
+    tests, _ = systematic_tests(solution, {})
     chances = {one.words: one.chance for one in tests}
     return SelfTest(np.array(squares), chances)
 

@@ -37,7 +37,7 @@ def test_patterns_of_scans_as_the_model_has_them_are_standard_normal(kind):
     squares = []
     for seed in range(10):
         found = calibration_of(kind, seed=seed, noise=ERRING, groups=8, positions=3)
-        tests = systematic_tests(found.solution)
+        tests, _ = systematic_tests(found.solution, {})
         squares.append(np.mean([one.clear**2 for one in tests]))
     assert 0.6 < np.mean(squares) < 1.5  # of some eight independent ones in each
 
