@@ -89,9 +89,12 @@ class Posterior:
     L: ndarray  # (S, m + p + 1, m + p + 1)
     square: ndarray  # (S,) rᵀ P r, the χ² of all residuals
     log_evidence: ndarray  # (S,) ℓ of the variances
-    # C of the rows that speak of the flange. Only a posterior of one set is asked for
-    # it: of many sets, which are looked at in parts, it is that of the last part.
+    # C of the rows that speak of the flange, and b and β of Z (`nested_errors`). Only a
+    # posterior of one set is asked for these: of many sets, which are looked at in
+    # parts, they are those of the last part.
     factors: Factors
+    b: ndarray  # (S, groups, a, m + p + 1)
+    beta: ndarray  # (S, groups, a, m + p + 1)
 
     @cached_property
     def root(self) -> ndarray:
@@ -258,7 +261,8 @@ class LinearModel:
         log_det = count * np.log(v0)
         for part in parts_of(len(v), self.rows.Z.size):
             factors = self.rows.factors(v[part])
-            H[part] += factors.solve(self.rows.Z)[0]
+            of_part, b, beta = factors.solve(self.rows.Z)
+            H[part] += of_part
             log_det[part] += factors.log_det
 
         products = H[0].copy()
@@ -279,7 +283,7 @@ class LinearModel:
         roots = np.einsum("sii->si", L)[:, :-1]
         log_evidence = -(square + log_det) / 2 - np.log(roots).sum(axis=1)
         return Posterior(
-            v, m, products, self.precision, L, square, log_evidence, factors
+            v, m, products, self.precision, L, square, log_evidence, factors, b, beta
         )
 
     def rescaled(
@@ -331,28 +335,24 @@ class LinearModel:
         moves = posterior.whole[1][self.m :] @ across[:-1, self.m :]
         return v[-1] * moves @ moves.T
 
-    def precisions(
-        self, posterior: Posterior
-    ) -> tuple[ndarray, ndarray, ndarray, ndarray]:
+    def precisions(self, posterior: Posterior) -> tuple[ndarray, ndarray, ndarray]:
         """Of the rows of each profile kept, for one set of variances: P_ii (bundles,
         size, q, q), X = C⁻¹ Z (bundles, size, q, m + p + 1) and w = P r (bundles, size,
-        q), in the order of `Rows`; and β of Z (groups, a, m + p + 1).
+        q), in the order of `Rows`.
         """
         z, V = posterior.whole
         factors = posterior.factors
-        # of the one set of variances
-        _, (W,), (beta,) = factors.solve(self.rows.Z)
-        root = factors.root[0]  # L_i⁻¹
-        W_E = factors.W_E[0].reshape(*root.shape[:-1], self.E.shape[2])
+        root = factors.root[0]  # L_i⁻¹, of the one set of variances
+        D_E = factors.D_E.reshape(self.rows.E.shape)
         Q = factors.covariances[self.rows.groups, None]
-        P = root.mT @ (np.eye(W_E.shape[2]) - W_E @ Q @ W_E.mT) @ root  # of C⁻¹
-        # X takes the place of W, which is as large as all rows
-        X = W.reshape(*root.shape[:-1], len(z))
+        P = root.mT @ root - D_E @ Q @ D_E.mT  # of C⁻¹
+        X = np.empty_like(self.rows.Z)
         for part in in_parts(X):
-            X[part] = root[part].mT @ X[part]
+            (W,) = factors.whitened(self.rows.Z, posterior.b, part)
+            X[part] = root[part].mT @ W
             CA = X[part, ..., :-1]
             P[part] -= CA @ V @ CA.mT
-        return P, X, X @ z, beta
+        return P, X, X @ z
 
     def own(self, v: ndarray) -> ndarray:
         """Covariances (profiles, q, q) of the rows of each profile by itself, for
@@ -377,7 +377,7 @@ class LinearModel:
         covariances = self.own(posterior.v[0])[out] + A @ V @ A.mT
         chi2 = np.empty(len(self.kept))
         chi2[out] = normalised_square(covariances, Z @ z)
-        P, _, w, _ = self.precisions(posterior)
+        P, _, w = self.precisions(posterior)
         real = self.rows.profiles >= 0
         chi2[self.rows.profiles[real]] = normalised_square(P[real], w[real])
         return chi2
@@ -450,7 +450,7 @@ def compressed(
     nonzero = sigma**2 > ROUNDING * sigma.max() ** 2
     ranks = nonzero.sum(axis=1)
     q = max(1, ranks.max())
-    sigma, U = sigma * nonzero, U * nonzero[:, None]
+    sigma, U = sigma * nonzero, (U * nonzero[:, None])[..., :q]
     E = sigma[:, :q, None] * Wt[:, :q] / HAND_PRECISION
-    Y = U[..., :q].mT @ columns
-    return E, Y, columns - U[..., :q] @ Y, ranks
+    Y = U.mT @ columns
+    return E, Y, columns - U @ Y, ranks

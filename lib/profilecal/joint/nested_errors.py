@@ -7,8 +7,8 @@ from the profiles up, and its mean is carried down again.
 
 Leaves, with the errors that no other profile shares, of variances v_own:
 
-    D_i = v_0 + E_i v_own E_iᵀ = L_i L_iᵀ      W_E, W_Z = L_i⁻¹ E_i, L_i⁻¹ Z_i
-    [J | c] of a group = Σ W_Eᵀ [W_E | W_Z]
+    D_i = v_0 + E_i v_own E_iᵀ = L_i L_iᵀ      D_E = D_i⁻¹ E_i
+    [J | c] of a group = Σ D_Eᵀ [E_i | Z_i]
 
 Up, for a group with the sum [J | c] of its members, s = √v_g:
 
@@ -26,9 +26,9 @@ members of a group share, for each column of Z, and Q the covariance of that sum
 T = 1 - K J,
 
     β = M⁻¹ s (c - J b_above)      b = b_above + s β      Q = K + T Q_above Tᵀ
-    (C⁻¹ Z)_i = L_i⁻ᵀ (W_Z - W_E b)      (C⁻¹)_ii = L_i⁻ᵀ (1 - W_E Q W_Eᵀ) L_i⁻¹
+    W = L_i⁻¹ (Z_i - E_i b)      (C⁻¹ Z)_i = L_i⁻ᵀ W      (C⁻¹)_ii = D_i⁻¹ - D_E Q D_Eᵀ
     E_gᵀ C⁻¹ E_g = J - J Q J       E_gᵀ C⁻¹ Z = s⁻¹ β
-    Zᵀ C⁻¹ Z = Σ |W_Z - W_E b|² + Σ |β|²
+    Zᵀ C⁻¹ Z = Σ |W|² + Σ |β|²
 
 The last line is a sum of squares: the shorter Σ Zᵀ D⁻¹ Z - Σ cᵀ K c loses digits.
 
@@ -68,9 +68,9 @@ class Rows:
         D = v[:, self.errors] @ self.parts.reshape(len(self.errors), -1)
         root, log_det = inverse_root(D.reshape(count, -1, q, q))
         root = root.reshape(count, *self.parts.shape[1:])
-        W_E = (root @ self.E).reshape(count, bundles, size * q, a)
+        D_E = (root.mT @ (root @ self.E)).reshape(count, bundles, size * q, a)
         sums = np.zeros((count, self.nesting.count, a, a))
-        add_up(sums, self.groups, W_E.mT @ W_E)
+        add_up(sums, self.groups, D_E.mT @ self.E.reshape(D_E.shape[1:]))
         nodes = []
         for level in self.nesting.levels[::-1]:
             J = sums[:, level.groups]
@@ -82,7 +82,7 @@ class Rows:
             Ms = (M_root.mT @ M_root) * s.mT
             nodes.append(Node(level, J, s, Ms))
             add_up(sums, level.parents, Ms @ J / s)
-        return Factors(self, root, W_E, nodes[::-1], log_det)
+        return Factors(self, root, D_E, nodes[::-1], log_det)
 
 
 @dataclass(frozen=True)
@@ -101,22 +101,21 @@ class Factors:
 
     rows: Rows
     root: ndarray  # (S, bundles, size, q, q) L_i⁻¹
-    W_E: ndarray  # (S, bundles, size q, a)
+    D_E: ndarray  # (S, bundles, size q, a)
     nodes: list[Node]  # from coarse to fine
     log_det: ndarray  # (S,) log |C|
 
     def solve(self, Z: ndarray) -> tuple[ndarray, ndarray, ndarray]:
-        """For rows Z (bundles, size, q, columns): Zᵀ C⁻¹ Z (S, columns, columns),
-        W_Z - W_E b (S, bundles, size q, columns), and β (S, groups, a, columns).
+        """For rows Z (bundles, size, q, columns): Zᵀ C⁻¹ Z (S, columns, columns), and b
+        and β (S, groups, a, columns).
         """
-        *rows, a = self.W_E.shape
+        count, *rows, a = self.D_E.shape
         columns = Z.shape[-1]
-        W = np.empty((*rows, columns))
-        of_profiles = W.reshape(*self.root.shape[:-1], columns)
-        c = np.zeros((len(W), self.rows.nesting.count, a, columns))
+        of_bundles = Z.reshape(*rows, columns)
+        c = np.zeros((count, self.rows.nesting.count, a, columns))
         for part in in_parts(Z):
-            np.matmul(self.root[:, part], Z[part], out=of_profiles[:, part])
-            add_up(c, self.rows.groups[part], self.W_E[:, part].mT @ W[:, part])
+            sums = self.D_E[:, part].mT @ of_bundles[part]
+            add_up(c, self.rows.groups[part], sums)
         # from fine to coarse, without the coarsest, which no group holds
         for node in self.nodes[:0:-1]:
             add_up(c, node.level.parents, node.Ms @ c[:, node.level.groups] / node.s)
@@ -133,14 +132,20 @@ class Factors:
             b[:, groups] = above + node.s * c[:, groups]
         products = squares(c)
         for part in in_parts(Z):
-            W[:, part] -= self.W_E[:, part] @ b[:, self.rows.groups[part]]
-            products += squares(W[:, part])
-        return products, W, c
+            products += squares(self.whitened(Z, b, part))
+        return products, b, c
+
+    def whitened(self, Z: ndarray, b: ndarray, part: slice) -> ndarray:
+        """W (S, some, size, q, columns) of some bundles. Those of all would take as
+        much memory as all rows, for each set of variances.
+        """
+        b = b[:, self.rows.groups[part], None]
+        return self.root[:, part] @ (Z[part] - self.rows.E[part] @ b)
 
     @cached_property
     def covariances(self) -> ndarray:
         """Q (groups, a, a), for the first set of variances."""
-        a = self.W_E.shape[-1]
+        a = self.D_E.shape[-1]
         Q = np.zeros((self.rows.nesting.count, a, a))
         for node in self.nodes:
             K = (node.s * node.Ms)[0]

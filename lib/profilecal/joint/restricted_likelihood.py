@@ -26,9 +26,9 @@ def gradient(model: LinearModel, posterior: Posterior) -> tuple[ndarray, ndarray
     m, v0, rows = model.m, posterior.v[0, 0], model.rows
     z, V = posterior.whole  # z = [x̂; 1], with the smooth errors' coefficients first
     # of the rows that speak of the flange
-    P, X, w, beta = model.precisions(posterior)
+    P, X, w = model.precisions(posterior)
     # the slope is tr P M_j at first, and wᵀ M_j w is taken off below
-    slope, moves = of_groups(posterior, beta)
+    slope, moves = of_groups(posterior)
     F = rows.E @ moves[rows.groups, None]  # of the errors that profiles share,
     own = rows.parts @ w[..., None]  # and of those that are one profile's
     F[..., rows.errors] += np.moveaxis(own[..., 0], 0, -1)
@@ -58,10 +58,10 @@ def gradient(model: LinearModel, posterior: Posterior) -> tuple[ndarray, ndarray
     return -slope / 2, information
 
 
-def of_groups(posterior: Posterior, beta: ndarray) -> tuple[ndarray, ndarray]:
-    """Of the errors that groups share, with β (groups, a, columns) of Z: tr P M_j
-    (1 + k,), and motions of the flange (groups, a, 1 + k) by which M_j w moves the
-    members of a group. A group has the motions of the groups that hold it, too.
+def of_groups(posterior: Posterior) -> tuple[ndarray, ndarray]:
+    """Of the errors that groups share: tr P M_j (1 + k,), and motions of the flange
+    (groups, a, 1 + k) by which M_j w moves the members of a group. A group has the
+    motions of the groups that hold it, too.
     """
     factors, (z, V) = posterior.factors, posterior.whole
     Q, unit_variances = factors.covariances, factors.rows.unit_variances
@@ -70,7 +70,7 @@ def of_groups(posterior: Posterior, beta: ndarray) -> tuple[ndarray, ndarray]:
     for node in factors.nodes:
         level, J = node.level, node.J[0]
         units = unit_variances[level.errors]
-        EZ = beta[level.groups] / node.s[0]  # E_gᵀ C⁻¹ Z
+        EZ = posterior.beta[0, level.groups] / node.s[0]  # E_gᵀ C⁻¹ Z
         EA, Ew = EZ[..., :-1], EZ @ z
         EPE = J - J @ Q[level.groups] @ J - EA @ V @ EA.mT
         traces[level.errors] = units @ np.einsum("gjj->j", EPE)
