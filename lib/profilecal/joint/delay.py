@@ -51,7 +51,7 @@ def roughly(problem: Problem, starts: Sequence = ()) -> float:
         state = search(later, starts)
         fit = refine(later, state, iterations=20).best_first
         fits.append(fit.state[[0]])
-        units.append(later.typical(fit)[0])
+        units.append(later.typical(fit.per_pose)[0])
     scale = min(units)
 
     def loss(delay: float, state: State) -> float:

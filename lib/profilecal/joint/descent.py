@@ -4,6 +4,7 @@ where none is known.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy import ndarray
@@ -96,6 +97,11 @@ def damped_step(normal: ndarray, damping: ndarray) -> tuple[ndarray, ndarray]:
     return x, (x * (D * x - g)).sum(axis=1)
 
 
+# After each step, targets are placed anew where that is best (variable projection;
+# Golub and Pereyra 1973).
+onward = partial(refine, damping=1e-3, anew=True)
+
+
 def search(problem: Problem, starts: Sequence = ()) -> State:
     """Sensor poses worth refining, best first, at most KEPT: from `starts`, pairs (R
     (3, 3), T (3,) mm), and a grid of rotations, on a few poses, by distances in space.
@@ -107,7 +113,7 @@ def search(problem: Problem, starts: Sequence = ()) -> State:
         # starts end at one pose that fits, after five steps, ten or fifteen
         state = started(few, START_ROTATIONS, starts)
         for _ in range(3):
-            fits = onward(few, state, steps=5)
+            fits = onward(few, state, iterations=5).best_first
             state = fits.state
             agreeing = np.count_nonzero(are_one(state)[0])
             if fits.loss[0] < HOPELESS * count and agreeing >= AGREEING:
@@ -115,7 +121,7 @@ def search(problem: Problem, starts: Sequence = ()) -> State:
                 return distinct(state[fits.loss < limit])
     state = started(few, GRID, starts)
     for steps, most, hopeless in SEARCH_ROUNDS:
-        fits = onward(few, state, steps)
+        fits = onward(few, state, iterations=steps).best_first
         limit = hopeless * max(fits.loss[0], count)
         state = distinct(fits.state[fits.loss < limit], most)
         if len(state.rotation) == 1 and fits.loss[0] < HOPELESS * count:
@@ -139,14 +145,6 @@ def started(problem: Problem, grid: ndarray, starts: Sequence = ()) -> State:
     return problem.place(np.array(R), np.array(T))
 
 
-def onward(problem: Problem, state: State, steps: int) -> Fit:
-    """Where that many steps lead, best first. After each step, targets are placed anew
-    where that is best (variable projection; Golub and Pereyra 1973).
-    """
-    fits = refine(problem, state, iterations=steps, damping=1e-3, anew=True)
-    return fits.best_first
-
-
 def search_among_outliers(problem: Problem, found: State) -> State:
     """Sensor poses worth refining where a part of the data is wrong, beside what
     `search` found. Rotation k of the grid looks at selection k of groups of poses
@@ -158,7 +156,7 @@ def search_among_outliers(problem: Problem, found: State) -> State:
     tried = refine(subsets, started(subsets, GRID), iterations=25).state
     few = few_poses(problem, 2 * POSES)
     state = found.join(tried[np.isfinite(few.moments(tried).loss)])
-    likely = np.argsort(few.typical(few.moments(state)))[: 4 * KEPT]
+    likely = np.argsort(few.typical(few.moments(state).per_pose))[: 4 * KEPT]
     return distinct(reweighted(few, state[likely], rounds=3).state)
 
 
@@ -169,19 +167,19 @@ def reweighted(problem: Problem, state: State, rounds: int) -> Fit:
     """
     fits = problem.moments(state)
     for _ in range(rounds):
-        unit = problem.typical(fits)
+        unit = problem.typical(fits.per_pose)
         fits = refine(problem, fits.state, scale=unit, iterations=8)
-    return fits[np.argsort(problem.typical(fits), kind="stable")]
+    return fits[np.argsort(problem.typical(fits.per_pose), kind="stable")]
 
 
 def thin(observations: Observations, count: int) -> Observations:
-    """About `count` poses, and about five points in each where they lie on a curve."""
+    """About `count` poses, and about three points in each where they lie on a curve."""
     _, P, m, _ = observations.points.shape
     poses = np.linspace(0, P - 1, min(P, count)).round().astype(int)
     few = observations.keep(np.unique(poses))
     if not observations.on_curve:
         return few
-    step = max(1, m // 5)
+    step = max(1, m // 3)
     chosen = slice(step // 2, None, step)
     covariance = few.covariance
     if covariance is not None:

@@ -397,10 +397,9 @@ def growth(squared_errors: ndarray, weight: ndarray) -> float:
     ratio = np.linalg.solve(mean, squared_errors)
     a = np.einsum("sii->s", ratio)
     b = np.einsum("sij,sji->s", ratio, ratio)
-    limit = chi2_limit(FALSE_ALARM, 6)
+    freedom, limits = a**2 / b, chi2_limit(FALSE_ALARM, 6) * a / b
 
     def excess(factor: float) -> float:
-        chance = chdtrc(a**2 / b, factor * limit * a / b)
-        return weight @ chance - FALSE_ALARM
+        return weight @ chdtrc(freedom, factor * limits) - FALSE_ALARM
 
     return brentq(excess, 1.0, 1e3) if excess(1.0) > 0 else 1.0

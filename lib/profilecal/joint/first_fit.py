@@ -24,9 +24,10 @@ def least_squares(problem: Problem, state: State) -> Fit:
     """Fits by least squares, best first. After five steps, doubles and fits that are
     far from any answer are dropped; the others go on to the end.
     """
-    fits = refine(problem, state, iterations=5).best_first
-    good = distinct(fits.state[fits.loss <= HOPELESS * fits.loss[0]])
-    return refine(problem, good).best_first
+    if len(state.rotation) > 1:
+        fits = refine(problem, state, iterations=5).best_first
+        state = distinct(fits.state[fits.loss <= HOPELESS * fits.loss[0]])
+    return refine(problem, state).best_first
 
 
 def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
@@ -66,7 +67,7 @@ def contradicting(problem: Problem, fits: Fit, usual_mm: float) -> ndarray:
     residuals there are.
     """
     count = problem.counts_or_1
-    unit = max(problem.typical(fits)[0], usual_mm / problem.noise.profile_mm)
+    unit = max(problem.typical(fits.per_pose)[0], usual_mm / problem.noise.profile_mm)
     limit = chi2_limit(FALSE_ALARM / len(count), count)
     return fits.per_pose[0] * count > unit**2 * limit
 
@@ -77,7 +78,7 @@ def robust_fit(problem: Problem, state: State) -> Fit:
     losses can be compared.
     """
     fits = reweighted(problem, state, rounds=4)[:3]
-    scale = np.full_like(fits.loss, problem.typical(fits).min())
+    scale = np.full_like(fits.loss, problem.typical(fits.per_pose).min())
     return refine(problem, fits.state, scale=scale).best_first
 
 
@@ -106,4 +107,4 @@ def typical_mm(problem: Problem, fits: Fit) -> float:
     """
     equal = problem.of_equal_points
     there = fits if equal is problem else equal.moments(fits.state[[0]])
-    return float(problem.typical(there)[0] * problem.noise.profile_mm)
+    return float(problem.typical(there.per_pose)[0] * problem.noise.profile_mm)

@@ -261,14 +261,6 @@ def bend(x: ndarray, z: ndarray) -> Points:
     return 0 * x, (x / 50) ** 2
 
 
-BEND = Perturbation(
-    "the profiles were bent {} the scanner by {} mm, 50 mm from the middle",
-    1,
-    ("away from", "towards"),
-    "bend_mm",
-    points=bend,
-    name="bend",
-)
 # The scanner's errors: scales of the profiles, x that grows with z, and a bend.
 OF_SCANNER = [
     Perturbation(
@@ -293,7 +285,14 @@ OF_SCANNER = [
         points=sheared,
         name="shear",
     ),
-    BEND,
+    Perturbation(
+        "the profiles were bent {} the scanner by {} mm, 50 mm from the middle",
+        1,
+        ("away from", "towards"),
+        "bend_mm",
+        points=bend,
+        name="bend",
+    ),
 ]
 
 

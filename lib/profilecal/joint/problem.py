@@ -97,7 +97,8 @@ class Problem:
         # pose (6).
         ends = np.cumsum([6, *(term.n for term in self.terms)])
         self.n = int(ends[-1])
-        self.parts = [np.arange(*ends) for ends in pairwise(ends)]  # each target's
+        # which of the unknowns, and n for the residual, each term's columns are
+        self.parts = [np.r_[SENSOR, slice(*own), self.n] for own in pairwise(ends)]
         self.considered_columns = slice(self.n, self.n + len(self.considered))
         self.may_be_poor = range(self.n, self.n + len(may_be_poor))
         # the column of the delay, if anything was seen in motion
@@ -173,15 +174,15 @@ class Problem:
         """With what was seen in motion so much later in the robot's log."""
         return self.of(seen.later(seconds) for seen in self.observations)
 
-    def typical(self, fit: Fit) -> ndarray:
-        """How many noise levels large the residuals of most poses are, (B,); at least
-        the rounding of exact data.
+    def typical(self, per_pose: ndarray) -> ndarray:
+        """How many noise levels large the residuals of most poses are, (B,), by each
+        pose's χ² per residual (B, profiles); at least the rounding of exact data.
 
         The square of it is the mean, over the targets, of a median over the poses,
         which bad poses hardly change: that of each pose's χ² over the median of χ²'s
         law, which is about 1 where residuals are as large as the noise.
         """
-        ratio = fit.per_pose * (self.counts_or_1 / chi2_limit(0.5, self.counts_or_1))
+        ratio = per_pose * (self.counts_or_1 / chi2_limit(0.5, self.counts_or_1))
         medians = [np.median(own, axis=0) for own in self.split(ratio.T)]
         size = np.sqrt(np.mean(medians, axis=0))
         return np.maximum(size, FINEST_MM / self.noise.profile_mm)
@@ -189,15 +190,6 @@ class Problem:
     def split(self, profiles: ndarray) -> list[ndarray]:
         """What is of all profiles (profiles, ...), for each target (P, ...)."""
         return np.split(profiles, np.cumsum([term.P for term in self.terms])[:-1])
-
-    def linear(self, state: State) -> list[ndarray]:
-        """Each target's residuals and derivatives (`Residuals.linearise`) over the
-        noise.
-        """
-        return [
-            term.over_noise(term.linearise(state, placement))
-            for term, placement in zip(self.terms, state.placements, strict=True)
-        ]
 
     def moments(self, state: State, scale: ndarray | None = None) -> Fit:
         """The normal equations and the loss at B states.
@@ -213,8 +205,9 @@ class Problem:
         normal = np.zeros((B, self.n + 1, self.n + 1))
         loss = np.zeros(B)
         per_pose = []
-        terms = zip(self.parts, self.terms, self.linear(state), strict=True)
-        for unknowns, term, z in terms:
+        terms = zip(self.parts, self.terms, state.placements, strict=True)
+        for own, term, placement in terms:
+            z = term.over_noise(term.linearise(state, placement))
             r = z[:, -1]
             count = np.maximum(term.counts, 1)
             square = np.einsum("bkp,bkp->bp", r, r) / count
@@ -224,8 +217,7 @@ class Problem:
                 loss += (count * unit * np.log1p(square / unit)).sum(axis=1)
                 z /= np.sqrt(1 + square / unit)[:, None, None]
             flat = z.reshape(B, z.shape[1], -1)
-            to = np.r_[SENSOR, unknowns, self.n]
-            normal[:, to[:, None], to] += flat @ flat.mT
+            normal[:, own[:, None], own] += flat @ flat.mT
         of_mount = self.of_mount(state, self.n)
         normal += of_mount
         loss += of_mount[:, -1, -1]
@@ -255,20 +247,21 @@ class Problem:
         errors = [*self.considered, *tried]
         columns = []
         terms = zip(self.parts, self.terms, state.placements, strict=True)
-        for unknowns, term, placement in terms:
+        for own, term, placement in terms:
             measured = term.linearise(state, placement)
             ideal = term.on_target(measured)
             slopes = ideal.linearise(state, placement)
             by_flange = ideal.by_flange(slopes, state)
             z = np.zeros((1, self.n + len(errors) + 7, *slopes.shape[2:]))
-            z[:, SENSOR] = slopes[:, SENSOR]
-            z[:, unknowns] = slopes[:, TARGET]
+            z[:, own[:-1]] = slopes[:, :-1]
             at = state, placement, slopes, by_flange
+            each = {error: ideal.by_error(error, *at) for error in {*errors}}
             for column, error in enumerate(errors, self.n):
-                z[:, column] = ideal.by_error(error, *at)
+                z[:, column] = each[error]
             z[:, RESIDUAL] = measured[:, -1]
             z[:, FLANGE] = by_flange
-            columns.append(np.nan_to_num(z, copy=False, posinf=0, neginf=0))
+            z[~np.isfinite(z)] = 0.0
+            columns.append(z)
         return columns
 
     def model(
@@ -344,7 +337,7 @@ class Problem:
             if anew and term.target.fit_is_best:
                 placements.append(term.place(turned, shifted))
             else:
-                placements.append(term.move(placement, step[:, own]))
+                placements.append(term.move(placement, step[:, own[TARGET]]))
         return State(turned, shifted, tuple(placements))
 
     def after_step(self, state: State, x: ndarray) -> tuple["Problem", State]:

@@ -12,7 +12,6 @@ from profilecal.geometry.noise import FALSE_ALARM, chi2_limit, normalised_square
 from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import Prior
 from profilecal.joint.problem import Problem
-from profilecal.targets.observations import State
 
 LARGEST_REJECTED = 1 / 3  # of the poses, beyond those that large errors leave out
 MOST_MISTAKES = 0.2  # of the poses: nobody makes more
@@ -20,9 +19,7 @@ MOST_MISTAKES = 0.2  # of the poses: nobody makes more
 LARGE = 1.5
 
 
-def of_large_errors(
-    problem: Problem, state: State, model: LinearModel, prior: Prior
-) -> ndarray:
+def of_large_errors(problem: Problem, model: LinearModel, prior: Prior) -> ndarray:
     """The profiles (profiles,) whose residuals errors of large, but usual sizes
     explain, each by itself; all profiles, if these are too few.
 
@@ -30,16 +27,17 @@ def of_large_errors(
     out more than MOST_MISTAKES, stated sizes have their own law, of the longer tail.
     Smooth errors explain nothing here.
     """
+    of_rest = np.sum(model.rest[..., -1] ** 2, axis=1)
     scanner = 1.0
     if prior.profile_spread:
-        scanner = max(1.0, problem.typical(problem.moments(state))[0])
+        chi2 = np.sum(model.Y[..., -1] ** 2, axis=1) + of_rest
+        scanner = max(1.0, problem.typical(chi2[None] / problem.counts_or_1)[0])
     for believed in (replace(prior, stated=frozenset()), prior):
         law = believed.law(model.names)
         (v,) = law.variances(np.full((1, len(law.free)), LARGE))
         v[0] = scanner**2
         of_flange = normalised_square(model.own(v), model.Y[..., -1])
-        of_rest = np.sum(model.rest[..., -1] ** 2, axis=1) / v[0]
-        kept = belonging(problem, model, of_flange, of_rest, model.kept)
+        kept = belonging(problem, model, of_flange, of_rest / v[0], model.kept)
         if np.mean(~kept) <= MOST_MISTAKES:
             break
     return kept if model.counts[kept].sum() > problem.n else model.kept

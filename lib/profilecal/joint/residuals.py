@@ -24,6 +24,11 @@ SENSOR = slice(6)
 SHIFT = slice(3)
 TURN = slice(3, 6)
 TARGET = slice(6, -1)
+# directions (2, 21) from a ball's centre to points of the arc that a scanner sees, and
+# what takes errors along them to those of centre and radius (3, 21)
+ANGLE = np.radians(Ball.half_arc_deg) * np.linspace(-1, 1, 21)
+ARC = np.stack([np.sin(ANGLE), -np.cos(ANGLE)])
+FITTED = np.linalg.pinv(np.stack([*ARC, np.ones(21)], axis=1))
 
 
 class Residuals:
@@ -240,11 +245,9 @@ class Residuals:
             return np.array(error(*self.seen))
         *centre, radius = self.circles
         outward = (self.seen - centre) / radius
-        angle = np.radians(Ball.half_arc_deg) * np.linspace(-1, 1, 21)
-        n = np.stack([np.sin(angle), -np.cos(angle)])  # towards the scanner
-        arc = centre + radius * n[:, None, :, None]
-        at_arc = np.einsum("xa,xbap->ap", n, error(*arc))
-        x, z, d = np.linalg.pinv(np.stack([*n, np.ones(21)], axis=1)) @ at_arc
+        arc = centre + radius * ARC[:, None, :, None]
+        at_arc = np.einsum("xa,xbap->ap", ARC, error(*arc))
+        x, z, d = FITTED @ at_arc
         return outward * (outward[0] * x + outward[1] * z + d)
 
     @cached_property
@@ -289,7 +292,7 @@ class Residuals:
         if self.whiten is not None:
             z[:] = np.einsum("bijp,bcjp->bcip", self.whiten, z)
         by_row = z.reshape(*z.shape[:2], self.m, -1, self.P)
-        by_row /= self.sd[:, None]
+        by_row *= 1 / self.sd[:, None]
         return z
 
     def seen_anew(self, r: ndarray, columns: ndarray, rng: Generator) -> Observations:
@@ -314,7 +317,8 @@ class Residuals:
         shift, turn = np.zeros((2, len(step), 3))
         parts = np.split(step, [len(self.shifts)], axis=1)
         shift[:, self.shifts], turn[:, self.turns] = parts
-        return carry(axes, origin, shift), axes @ rotations(turn)
+        turned = axes @ rotations(turn) if self.turns else axes
+        return carry(axes, origin, shift), turned
 
     def place(self, rotation: ndarray, translation: ndarray) -> Frames:
         """The target's frame where sensor poses (B, 3, 3), (B, 3) see it: origin (B, 3)

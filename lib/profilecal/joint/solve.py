@@ -59,7 +59,7 @@ def solve(
     if robust:
         fits = fits_of_most(problem, fits, given.usual_mm)
     # how large residuals are, over the noise of `given`
-    scale = 1.0 if given.source == "given" else problem.typical(fits)[0]
+    scale = 1.0 if given.source == "given" else problem.typical(fits.per_pose)[0]
     prior = given
     # what is believed of robot, scanner and target then explains nothing: none of their
     # errors is estimated but smooth ones
@@ -90,7 +90,7 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
     model = problem.model(state, names)
     first = after = model.kept  # all profiles, which stay if not `robust`
     if robust:
-        first = of_large_errors(problem, state, model, prior)
+        first = of_large_errors(problem, model, prior)
     model = model.keeping(first)
     likely = likeliest(model, law)
     always = first  # profiles that no round left out

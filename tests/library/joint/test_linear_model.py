@@ -277,8 +277,8 @@ def assert_derivative(column, changed, state):
     `changed` (h) changes the observations.
     """
     h = 1e-5
-    problems = [Problem([changed(step)], Noise(1.0)) for step in (h, -h)]
-    plus, minus = (problem.linear(state)[0][0, -1] for problem in problems)
+    terms = [Problem([changed(step)], Noise(1.0)).terms[0] for step in (h, -h)]
+    plus, minus = (term.linearise(state, *state.placements)[0, -1] for term in terms)
     expected = (plus - minus) / (2 * h)
     assert_allclose(column, expected, atol=1e-4 * max(1, np.abs(expected).max()))
 
@@ -316,8 +316,8 @@ def test_derivatives_are_those_where_the_state_has_the_points():
     rng = default_rng(0)
     scene = random_scene("rod", rng)
     seen = scene.noisy(1e-3, rng)  # mm: its square is less than what is looked for
-    (term,), (placement,) = Problem([seen], Noise(SIGMA)).terms, scene.truth.placements
-    moved = term.on_target(term.linearise(scene.truth, placement)).seen
+    (term,), truth = Problem([seen], Noise(SIGMA)).terms, scene.truth
+    moved = term.on_target(term.linearise(truth, *truth.placements)).seen
     there = replace(seen, points=moved.transpose(1, 3, 2, 0))
     problems = [Problem([one], Noise(SIGMA)) for one in (seen, there)]
     (noisy,), (exact,) = (

@@ -3,7 +3,6 @@ distances, outlines, lines, and of those in raw profiles how exactly they are fo
 """
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -31,9 +30,9 @@ def test_residuals_vanish_at_the_truth_and_have_their_derivatives(kind, in_space
     rng = default_rng(6)
     scene = random_scene(kind, rng, groups=3, positions=3, count=4)
     problem = Problem([scene.observations], Noise(0.05), in_space=in_space)
-    (exact,) = problem.linear(scene.truth)
-    assert np.abs(exact[:, -1]).max() < 1e-8
     term = problem.terms[0]
+    exact = term.linearise(scene.truth, *scene.truth.placements)
+    assert np.abs(exact[:, -1]).max() < 5e-10
     state = problem.move(scene.truth, 0.02 * rng.normal(size=(1, problem.n)))
 
     def residual(step):
@@ -41,11 +40,11 @@ def test_residuals_vanish_at_the_truth_and_have_their_derivatives(kind, in_space
         steps = step.reshape(problem.n, -1).T
         copies = state[np.zeros(len(steps), dtype=int)]
         moved = problem.move(copies, steps)
-        r = term.linearise(moved, moved.placements[0])[:, -1]
+        r = term.linearise(moved, *moved.placements)[:, -1]
         return r.reshape(len(steps), -1).T.reshape(-1, *step.shape[1:])
 
     numerical = jacobian(residual, np.zeros(problem.n), initial_step=0.01).df
-    (columns,) = term.linearise(state, state.placements[0])
+    (columns,) = term.linearise(state, *state.placements)
     ours = columns[:-1].reshape(problem.n, -1).T
     assert_allclose(ours, numerical, atol=1e-7 * np.abs(numerical).max())
 
@@ -60,12 +59,13 @@ def test_a_missing_point_has_no_part_in_anything(kind, in_space):
     whole = Problem([seen], Noise(0.05), in_space=in_space)
     part = Problem([replace(seen, points=points)], Noise(0.05), in_space=in_space)
 
-    for columns in (Problem.linear, partial(Problem.columns_in_mm, tried=OF_SCANNER)):
-        (full,), (some,) = columns(whole, scene.truth), columns(part, scene.truth)
-        rows = full.shape[2] // points.shape[2]
-        present = np.ones(full.shape[2:])
-        present[:rows, 1] = 0
-        assert_array_equal(some, full * present)
+    (full,), (some,) = (
+        problem.columns_in_mm(scene.truth, OF_SCANNER) for problem in (whole, part)
+    )
+    rows = full.shape[2] // points.shape[2]
+    present = np.ones(full.shape[2:])
+    present[:rows, 1] = 0
+    assert_array_equal(some, full * present)
 
 
 def points_of(scene):
@@ -123,8 +123,9 @@ def test_what_is_found_in_raw_profiles_is_as_exact_as_its_finder_states(kind):
         )
         seen = observe(scan)
         unit = seen.typical_mm
-        problem = Problem([as_observations(scan, seen, unit)], Noise(unit))
-        (columns,) = problem.linear(state_of(truth))
+        (term,) = Problem([as_observations(scan, seen, unit)], Noise(unit)).terms
+        state = state_of(truth)
+        columns = term.over_noise(term.linearise(state, *state.placements))
         residuals.append(columns[0, -1].ravel())
     r = np.concatenate(residuals)
     count = np.count_nonzero(r)
