@@ -30,13 +30,12 @@ class Evidence:
     information: ndarray  # (k, k) I
     slope: ndarray  # (k,) g
     chi2: float
-    moves: ndarray  # (n, k) by how much one unit of each step moves x
+    x_per_step: ndarray  # (n, k) by how much one unit of each step moves x
 
     def of(self, part: slice) -> "Evidence":
         """What they say of some of the steps, if there are no others."""
-        information = self.information[part, part]
-        moves = self.moves[:, part]
-        return Evidence(information, self.slope[part], self.chi2, moves)
+        information, x_per_step = self.information[part, part], self.x_per_step[:, part]
+        return Evidence(information, self.slope[part], self.chi2, x_per_step)
 
     def each(self) -> ndarray:
         """Each step that makes the residuals smallest, if there is no other, and its
@@ -78,5 +77,5 @@ def evidence(normal: ndarray, precision: ndarray) -> Evidence:
         information=left[:-1, :-1],
         slope=left[:-1, -1],
         chi2=left[-1, -1],
-        moves=X[:, :-1],
+        x_per_step=X[:, :-1],
     )

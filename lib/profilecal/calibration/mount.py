@@ -6,6 +6,7 @@ sensor as if it were mounted elsewhere, and profiles whose z is negated are thos
 scanner turned by 180°. Beside a mount that is known roughly they show.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -114,17 +115,15 @@ def other_frame(solution: Solution, guess: ndarray) -> str:
     )
 
 
-def rests_on(solution: Solution, mount: Mount) -> list[str]:
+def rests_on(solution: Solution, mount: Mount) -> Iterator[str]:
     """Sentences on the directions of which the mount says more than the scan."""
     _, shown = shown_by(solution)
     frame = solution.problem.frame
     by_mount = shown.directions**2 @ (HAND_PRECISION / mount.sd) ** 2
-    sentences = []
     for direction in shown.directions[by_mount * shown.sd**2 > 1]:
         along = direction / HAND_PRECISION
         sd = float(np.sqrt(along @ solution.covariance @ along))
-        sentences.append(
+        yield (
             f"{name_direction(direction, solution.rotation, frame)} rests on the "
             f"guess more than on the scan: {size_direction(sd, direction)}"
         )
-    return sentences

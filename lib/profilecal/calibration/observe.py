@@ -168,18 +168,11 @@ def points_of(measured: str, values: ndarray) -> ndarray:
     if measured == "chords":  # the tip of smaller x first
         tips = values.reshape(-1, 2, 2)
         return np.take_along_axis(tips, np.argsort(tips[..., :1], axis=1), axis=1)
-    if measured == "arcs":
-        return three_points(values)
+    if measured == "arcs":  # by three points a third of a turn apart on each circle
+        angle = np.radians([90, 210, 330])
+        around = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        return values[:, None, :2] + values[:, None, 2:] * around
     return values[:, None, :]
-
-
-def three_points(circles: ndarray) -> ndarray:
-    """Three points (n, 3, 2) a third of a turn apart on circles (n, 3) x, z, r: they
-    stand for centre and radius.
-    """
-    angle = np.radians([90, 210, 330])
-    around = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return circles[:, None, :2] + circles[:, None, 2:] * around
 
 
 def as_observations(scan: Scan, seen: Seen, reference_mm: float = 0.0) -> Observations:

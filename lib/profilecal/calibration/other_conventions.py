@@ -52,17 +52,16 @@ def better_readings(scan: Scan, seen: Seen) -> list[str]:
     step = -(-len(seen.poses) // 1000)  # a thousand poses are enough for any reading
     seen = Seen(seen.poses[::step], seen.points[::step])
     observed = as_observations(scan, seen)  # all points as precise
-    stated, _ = misfit(observed, widely=True)
+    stated, freedom = misfit(observed, widely=True)
     if not FINE_MM < stated < np.inf:
         return []
     others = readings(scan, seen.poses, observed)
-    tried = sorted((*misfit(observed), words) for words, observed in others)
-    best, freedom, _ = tried[0]
-    best = max(best, FINEST_MM)
+    tried = sorted((misfit(observed)[0], words) for words, observed in others)
+    best = max(tried[0][0], FINEST_MM)
     by_chance = freedom * np.log(stated / best) < LUCK
     if best > LARGEST_ERROR_MM or stated < FAR_BETTER * best or by_chance:
         return []
-    alike = " or ".join(words for mm, _, words in tried if mm < FAR_BETTER * best)
+    alike = " or ".join(words for mm, words in tried if mm < FAR_BETTER * best)
     return [
         f"with {alike} the residuals are {brief(best)} mm instead of "
         f"{brief(stated)} mm; correct the files if they hold that"

@@ -128,7 +128,7 @@ def findings(
         corrections, sds = says.each()
         visible = sds**-2 > ABSORBED * pattern
         clear = abs(corrections / sds)
-        moves = (says.moves[:6] * corrections).T
+        moves = (says.x_per_step[:6] * corrections).T
     # by error considered, the chance that it is far larger than usual
     problem = solution.problem
     poor = solution.error_sizes.poor[problem.considered_columns]

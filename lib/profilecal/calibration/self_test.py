@@ -159,8 +159,7 @@ def self_test(found: Calibration, count: int = 100, seed: int = 1) -> SelfTest:
         error = difference(again.pose, solution.pose)
         squares.append(normalised_square(again.covariance, error))
     tests, _ = systematic_tests(solution, {})
-    chances = {one.words: one.chance for one in tests}
-    return SelfTest(np.array(squares), chances)
+    return SelfTest(np.array(squares), {one.words: one.chance for one in tests})
 
 
 def simulated(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy import ndarray
 from numpy.random import Generator
 
-from profilecal.calibration.observe import three_points
+from profilecal.calibration.observe import points_of
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.observability import Spectrum, of_covariance, spectrum
 from profilecal.geometry.poses import Frames, inverse, rotation_groups
@@ -91,7 +91,7 @@ class ScanModel(Setup):
         """What a perfect scanner sees from poses, as a calibration takes it."""
         planes, are_circles = self.planes(R, T), self.measured == "arcs"
         if are_circles:
-            points = three_points(self.target.meet(*planes))
+            points = points_of("arcs", self.target.meet(*planes))
         else:
             points = self.points_seen(*planes, self.count)
         covariance = self.covariance

@@ -96,6 +96,8 @@ def test_what_is_unknown_is_null_and_a_delay_at_rest_is_none():
     printed = pc.calibrate([moving, still]).to_json()
     assert printed["delay_source"] == "estimated"
     assert abs(printed["delay_ms"] - 30) < 5 * printed["delay_sd_ms"]
+    printed = pc.calibrate(replace(moving, delay_ms=30.0)).to_json()
+    assert printed["delay_source"] == "given"
 
 
 UNSEEN = (
