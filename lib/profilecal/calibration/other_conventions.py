@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy import ndarray
+from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from profilecal.calibration.observe import Seen, as_observations
@@ -107,16 +108,16 @@ def readings(
     for words, order in (
         ("each profile taken from the next row's pose", np.roll(rows, -1)),
         ("each profile taken from the previous row's pose", np.roll(rows, 1)),
+        ("the profiles in reverse order", rows[::-1]),
     ):
         yield words, posed(R[order], p[order])
     for words, rotation in other_rotations(scan):
         yield words, posed(rotation.as_matrix(), p)
     if scan.sizes:
-        for times in (0.5, 2.0):  # diameters in place of radii, or the other way round
-            other = replace(scan, sizes=tuple(times * mm for mm in scan.sizes))
-            lengths = other.measures.items()
-            words = " and ".join(f"a {name} of {mm:.3g} mm" for name, mm in lengths)
-            yield words, replace(observed, sizes=other.sizes)
+        fitting = with_best_lengths(observed)
+        lengths = replace(scan, sizes=fitting.sizes).measures.items()
+        words = " and ".join(f"a {name} of {mm:.3g} mm" for name, mm in lengths)
+        yield words, fitting
 
 
 def other_rotations(scan: Scan) -> Iterator[tuple[str, Rotation]]:
@@ -141,3 +142,19 @@ def other_rotations(scan: Scan) -> Iterator[tuple[str, Rotation]]:
             yield f"{read} {words}", rotation
     inverted = Rotation.from_matrix(scan.R_base_flange).inv()
     yield "every rotation inverted (matrices transposed)", inverted
+
+
+def with_best_lengths(stated: Observations) -> Observations:
+    """With the target's lengths as they fit best, a quarter to four times as long."""
+
+    def times(log_ratio: float) -> Observations:
+        return replace(stated, sizes=tuple(2**log_ratio * mm for mm in stated.sizes))
+
+    def square(log_ratio: float) -> float:
+        """That of the misfit is a parabola near the best length."""
+        return misfit(times(log_ratio))[0] ** 2
+
+    rough = min(np.arange(-2, 2.1, 0.5), key=square)
+    bounds = rough - 0.5, rough + 0.5
+    best = minimize_scalar(square, bounds=bounds, options={"xatol": 0.004})
+    return times(best.x)

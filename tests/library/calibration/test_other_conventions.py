@@ -67,6 +67,9 @@ WRONG = {  # by what the first message is to say
     "every pose inverted (base in flange)": inverted,
     'mount = "eye-': on_another_mount,
     "taken from the next row's pose": one_row_early,
+    "the profiles in reverse order": lambda scan: replace(
+        scan, values=scan.values[::-1]
+    ),
     "qw, qx, qy, qz read as z, w, x, y": misread(
         "quaternion", "quaternion", lambda q: q[:, [3, 0, 1, 2]]
     ),

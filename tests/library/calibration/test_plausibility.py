@@ -77,7 +77,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(
-    ("kind", "wrong", "right"), [("disk", 100.0, 50.0), ("ball", 12.5, 25.0)]
+    ("kind", "wrong", "right"), [("disk", 50.5, 50.0), ("ball", 40.0, 25.0)]
 )
 def test_a_wrong_radius_is_answered_by_the_one_that_fits(kind, wrong, right):
     scan = scan_of(kind, seed=3, groups=8, positions=3, radius=right)
