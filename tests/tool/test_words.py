@@ -27,7 +27,6 @@ def test_the_answer_has_chi2_only_where_the_noise_is_stated(is_stated):
 EACH = "at each pose 0.12 mm and 0°"
 SHARED = "shared by the poses of an orientation"
 ERRORS = {  # by what is said of them
-    f"{EACH}, {SHARED} 0.04 mm and 0.02°": {},
     f"{EACH}, {SHARED} 0.04 mm and 0.02°, of the times 0.25 ms": {"jitter_ms": 0.25},
     EACH: {"group_position_mm": 0.0, "group_orientation_deg": 0.0},
 }

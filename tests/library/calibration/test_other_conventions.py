@@ -134,6 +134,13 @@ def test_poor_motions_are_blamed_on_no_reading(kind, spread_deg):
         assert not better_readings(scan, observe(scan))
 
 
+@pytest.mark.parametrize("seed", [1, 9, 33])
+def test_what_few_poses_fit_by_chance_is_blamed_on_no_reading(seed):
+    noise = {"position_mm": 0.5}
+    scan = scan_of("edge", seed=seed, groups=6, positions=1, noise=noise)
+    assert not better_readings(scan, observe(scan))
+
+
 @pytest.mark.parametrize("entries", SCANS)
 def test_outliers_are_blamed_on_no_reading(entries):
     scan, rng = scan_of(**entries), default_rng(entries["seed"])
