@@ -11,7 +11,8 @@ from numpy import ndarray
 AT_ONCE = 100_000  # numbers of rows, of several sets or of a part: what a cache holds
 # Linux's malloc gives arrays above 128 kB back to the system with each of them, so that
 # the next one pays for its pages again; it raises that limit to the size of an array
-# that was freed, as this one is at once. Without it a calibration takes up to a tenth longer.
+# that was freed, as this one is at once. Without it a calibration takes up to a tenth
+# longer.
 np.empty(2_000_000)
 
 
