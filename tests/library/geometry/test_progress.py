@@ -30,7 +30,6 @@ def test_all_that_takes_long_passes_before_the_watcher(passed, tmp_path):
     pc.self_test(pc.calibrate(pc.read_scan(tmp_path / "scan")), 10)
     parts = -(-sum(map(len, scan.values)) // 1000)
     assert passed == {
-        "reading poses.csv": 1,
         "reading profiles.csv": parts,
         "looking for the target": 32,
         "simulating scans": 10,
