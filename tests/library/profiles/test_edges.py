@@ -7,6 +7,9 @@ from numpy.random import default_rng
 from raw_profiles import balls, scan, scan_planes, turned
 
 import profilecal as pc
+from profilecal.profiles.candidates import Candidate
+from profilecal.profiles.edges import of_usual_angle
+from profilecal.profiles.features import nothing
 from profilecal.simulation.robot import Scanner
 
 
@@ -92,3 +95,15 @@ def test_a_corner_with_a_side_of_few_points_says_so():
     start = "one side of the corner shows"
     assert six.reason == f"{start} fewer than 10 points beyond the rounded tip"
     assert three.reason == f"{start} too few points for a line"
+
+
+def test_of_corners_that_of_nearly_the_usual_angle_counts_before_a_longer_one():
+    """By 30° another one counts if it is alone, by 40° none does."""
+    profiles = [[90], [91], [89], [90], [116, 95], [116], [130]]
+    corners = [
+        [Candidate(nothing(""), angle=np.radians(a)) for a in own] for own in profiles
+    ]
+    chosen, reasons = of_usual_angle(corners, [""] * 7)
+    left = [[round(np.degrees(one.angle)) for one in own] for own in chosen]
+    assert left == [[90], [91], [89], [90], [95], [116], []]
+    assert reasons == [""] * 6 + ["a corner of 130°, 91° in other profiles"]
