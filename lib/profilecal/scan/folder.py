@@ -167,7 +167,8 @@ def check_header(path: Path, said: Entries) -> tuple[Entries, float]:
     needed = dict.fromkeys(("kind", *lengths))
     check_entries(path, needed | target, rules, "target")
     known = {name: said[name] for name in ENTRY_RULES if name in said}
-    if "mount" in guess:
+    if guess:
+        check_entries(path, {"mount": None} | guess, HEADER["guess"], "guess")
         known["guess"] = mount_pose(guess["mount"], path)
     sd_mm, sd_deg = GUESS_SD
     entries = {

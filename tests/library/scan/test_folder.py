@@ -197,6 +197,9 @@ MISTAKES = {  # by what is said of each
     r"radius is missing in \[target\]; expected 0.5 to 1000": header(
         "radius = 25.0", ""
     ),
+    r"mount is missing in \[guess\]; expected 6 numbers": header(
+        "[", "[guess]\nsd_mm = 5\n["
+    ),
     "'edge' needs profiles or points": header('"ball"\nradius = 25.0', '"edge"'),
     "target is 5; expected a table": written("scan.toml", "target = 5"),
     "scan.toml: nested too deeply": header("25.0", "[" * 20_000),
