@@ -105,7 +105,8 @@ def systematic_tests(
         of_mount=problem.of_mount(solution.state, n + steps)[0],
     )
     is_robots = [False, *(name != SMOOTH for name in model.names)]
-    smaller = np.where(is_robots, SMALLER[: None if parts else 1, None], 1.0)
+    times = SMALLER if parts else SMALLER[:1]
+    smaller = np.where(is_robots, times[:, None], 1.0)
     posterior = model.posterior(smaller**2 * solution.error_sizes.median_v)
     every = [evidence(normal, known) for normal in posterior.normal]
     of_errors = every[0].of(slice(len(tried)))

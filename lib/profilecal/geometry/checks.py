@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 # matrices printed to four decimals pass, a scaled or sheared one does not
 ORTHONORMAL_TOLERANCE = 1e-3
-# a flange position's largest coordinate: a robot's size
+# of flange positions: a robot's size
 REACH_MM = (10.0, 20_000.0)
 # from the scanner; no profile scanner sees as far, and some print such numbers for no
 # point

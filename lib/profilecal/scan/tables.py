@@ -319,6 +319,6 @@ def write_table(path: Path, columns: Columns) -> None:
 def cells_of(values: ndarray, form: str) -> Iterator[str]:
     """A column as it is written, numbers in a form."""
     if values.dtype.kind not in "iuf":
-        # str() of a scalar of numpy's loses a KeyboardInterrupt
+        # as Python's own: while numpy's scalars were written, Ctrl-C was lost at times
         return iter(values.tolist())
     return ("" if n != n else format(n, form) for n in values.tolist())

@@ -14,6 +14,7 @@ OF_MOVES = {"uses", "moved"}  # kinds of lines that may have a pose in them too
 WORD = r"[\w$][\w$.\[\]]*?"  # what stands where $name, $tool or $base does
 CELL = r"[^\s,;:()\[\]{}\"'=]+"  # a number, or ******** in place of one
 SIGNS = {"…": r"[^{};<>\n]*?", "⋮": r"[^{};<>]*?", "^": r"^[ \t]*(?:\d+[ \t]+)??"}
+NONE = DataFrame()  # one for all: to make each takes longer than to look for lines
 
 
 def expression_of(line: str) -> re.Pattern:
@@ -59,6 +60,8 @@ def matches_of(lines: Sequence[str], text: str) -> tuple[DataFrame, str]:
         for match in expression.finditer(text):
             rows[match.start()] = match.groupdict()
         text = blanked(expression, text)
+    if not rows:
+        return NONE, text
     offsets = sorted(rows)
     numbers = [text.count("\n", 0, offset) + 1 for offset in offsets]
     return DataFrame([rows[offset] for offset in offsets], index=numbers), text

@@ -181,7 +181,7 @@ def worst_clearance(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     lowest = np.minimum(off[:11], off[11:])  # NaN if either is
     cost = np.maximum(exact - lowest[:9], 0).reshape(3, 3, *exact.shape)
     worst = exact - np.linalg.norm(cost, axis=1).sum(axis=0)
-    worst += 0 * lowest[9:].sum(axis=0)  # NaN where the scan plane leaves the target
+    worst[np.isnan(lowest[9:]).any(axis=0)] = np.nan  # the scan plane leaves it
     return worst.min(axis=1)
 
 
