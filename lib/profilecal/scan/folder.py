@@ -55,6 +55,7 @@ from profilecal.scan.toml import (
 
 SCALE = {"mm": 1.0, "m": 1000.0}
 SPREADSHEET = 1_000_000  # rows that one opens
+SD_LIMITS = np.array([[0.001, 1000], [0.001, 180]])  # of a guess, mm and degrees
 HEADER: Entries = {  # what scan.toml may say; that of [target] depends on its kind
     "title": ENTRY_RULES["title"],
     "units": one_of(SCALE),
@@ -64,8 +65,8 @@ HEADER: Entries = {  # what scan.toml may say; that of [target] depends on its k
     "motion": {"delay_ms": DELAY_MS},
     "guess": {
         "mount": numbers(6),
-        "sd_mm": number(0.001, 1000),
-        "sd_deg": number(0.001, 180),
+        "sd_mm": number(*SD_LIMITS[0]),
+        "sd_deg": number(*SD_LIMITS[1]),
     },
 }
 TOO_FAR = (
@@ -364,7 +365,7 @@ def known_of(scan: Scan) -> Entries:
     if scan.guess is not None:
         angles = from_rotations(named("FANUC angles"), scan.guess[None, :3, :3])
         mount = np.append(scan.guess[:3, 3], angles).tolist()
-        sd_mm, sd_deg = scan.guess_sd
+        sd_mm, sd_deg = np.clip(scan.guess_sd, *SD_LIMITS.T)  # it may be infinite
         header["guess"] = {"mount": mount, "sd_mm": sd_mm, "sd_deg": sd_deg}
     return header
 

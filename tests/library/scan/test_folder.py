@@ -63,12 +63,14 @@ def test_a_scan_written_is_read_back(folder, mount, convention, measured, kind):
         group=np.repeat(range(8), [2, 1] * 4) if mount == "eye-to-hand" else None,
         group_given=mount == "eye-to-hand",
     )
-    pc.write_scan(scan, folder)
-    assert_same(pc.read_scan(folder), scan)
+    start = replace(scan, guess=np.eye(4), guess_sd=(np.inf, 5.0))
+    pc.write_scan(start, folder)
+    assert pc.read_scan(folder).guess_sd == (1000, 5)  # the most that a file can say
+    assert_same(pc.read_scan(folder), start)
     truth = folder / "truth.toml"
     assert read_toml(truth) == TRUTH
     truth.write_text("broken = [", encoding="utf-8")
-    assert_same(pc.read_scan(folder), scan)
+    assert_same(pc.read_scan(folder), start)
 
 
 def in_metres(*columns):
