@@ -17,6 +17,14 @@ from profilecal.geometry.noise import Noise, Sd
 from profilecal.geometry.poses import Frames, inverse, rotations
 from profilecal.scan.toml import Count, number
 
+# of the joints, all turned to zero: the arm then points straight up
+AXES = np.eye(3)[[2, 1, 1, 2, 1, 2]]
+MIDDLE = np.array([900.0, 0.0, 600.0])  # mm from its foot, where it works best
+# mm, from each joint to the next: a reach of 1.45 m
+LINKS = np.array(
+    [[150, 0, 486.5], [0, 0, 700], [0, 0, 600], [0, 0, 0], [0, 0, 0], [0, 0, 65]]
+)
+
 
 def actual_poses(
     R: ndarray,
@@ -33,21 +41,19 @@ def actual_poses(
     poses are of the base in the flange's frame; the result is not. The errors of each
     visit are `revisited`'s.
     """
-    shape = T.shape
-    shape_of_groups = (*shape[:-2], 1, 3)
+    groups = *T.shape[:-2], 1, 3
 
     def error(own: float, shared: float) -> ndarray:
         """Of standard deviations `own` at each pose and `shared` by each group."""
-        of_poses = own * rng.normal(size=shape)
-        of_groups = shared * rng.normal(size=shape_of_groups)
-        return of_poses + of_groups[..., same, :, :]
+        of_pose, of_group = rng.normal(size=T.shape), rng.normal(size=groups)
+        return own * of_pose + shared * of_group[..., same, :, :]
 
-    shift = error(noise.position_mm, noise.group_position_mm)
-    turn = error(noise.orientation_deg, noise.group_orientation_deg)
     R = R[..., None, :, :]
     if to_hand:
         R, T = inverse(R, T)
-    return rotations(np.radians(turn)) @ R, T + shift
+    shift = error(noise.position_mm, noise.group_position_mm)
+    turn_deg = error(noise.orientation_deg, noise.group_orientation_deg)
+    return rotations(np.radians(turn_deg)) @ R, T + shift
 
 
 def revisited(R: ndarray, T: ndarray, noise: Noise, rng: Generator) -> Frames:
@@ -57,18 +63,9 @@ def revisited(R: ndarray, T: ndarray, noise: Noise, rng: Generator) -> Frames:
     if noise.repeatability_mm:
         T = T + noise.repeatability_mm * rng.normal(size=T.shape)
     if noise.repeatability_deg:
-        turn = noise.repeatability_deg * rng.normal(size=T.shape)
-        R = rotations(np.radians(turn)) @ R
+        turn_deg = noise.repeatability_deg * rng.normal(size=T.shape)
+        R = rotations(np.radians(turn_deg)) @ R
     return R, T
-
-
-# of the joints, all turned to zero: the arm then points straight up
-AXES = np.eye(3)[[2, 1, 1, 2, 1, 2]]
-MIDDLE = np.array([900.0, 0.0, 600.0])  # mm from its foot, where it works best
-# mm, from each joint to the next: a reach of 1.45 m
-LINKS = np.array(
-    [[150, 0, 486.5], [0, 0, 700], [0, 0, 600], [0, 0, 0], [0, 0, 0], [0, 0, 65]]
-)
 
 
 @dataclass(frozen=True)
@@ -87,19 +84,19 @@ class Arm:
         """One whose joints have other zeros and whose links end elsewhere, by these
         standard deviations of each joint and of each link's x, y and z.
         """
-        links = LINKS + link_mm * rng.normal(size=(6, 3))
+        links = LINKS + link_mm * rng.normal(size=LINKS.shape)
         return cls(links, np.radians(joint_deg) * rng.normal(size=6))
 
     def flange(self, joints: ndarray) -> Frames:
         """Rotations (..., 3, 3) and positions (..., 3), mm, of the flange at joint
         angles (..., 6), rad.
         """
-        R, T = np.eye(3), np.zeros(3)
-        turned = rotations((joints + self.zeros)[..., None] * AXES)
-        for joint, link in enumerate(self.links):
-            R = R @ turned[..., joint, :, :]
-            T = T + R @ link
-        return R, T
+        R, p = np.eye(3), np.zeros(3)
+        vectors = (joints + self.zeros)[..., None] * AXES
+        for k, link in enumerate(self.links):
+            R = R @ rotations(vectors[..., k, :])
+            p = p + R @ link
+        return R, p
 
 
 def joints_at(rotation: ndarray, position: ndarray) -> ndarray:
@@ -113,32 +110,31 @@ def joints_at(rotation: ndarray, position: ndarray) -> ndarray:
         cos β = (out² + high² - u² - f²) / 2uf,
         σ = atan2(out, high) - atan2(f sin β, u + f cos β).
 
+    They are the angles of complex numbers, high + i out and u + f exp(iβ).
+
     The first joint turns towards the wrist, and the last three turn the forearm's
     orientation, Rz(first) Ry(σ + β), into the flange's, as Z, Y, Z.
 
     Raises ValueError for a place out of reach.
     """
-    aside, _, up = LINKS[0]
-    upper, fore, hand = LINKS[[1, 2, 5], 2]
-    wrist = position - hand * rotation[..., 2]
-    x, y, z = np.moveaxis(wrist, -1, 0)
-    out = np.hypot(x, y) - aside
-    high = z - up
-    bend = (out**2 + high**2 - upper**2 - fore**2) / (2 * upper * fore)
-    if (np.abs(bend) > 1).any():
-        farthest = np.sqrt(out**2 + high**2).max()
+    beside, _, height = LINKS[0]
+    _, upper, fore, *_, hand = LINKS[:, 2]
+    x, y, z = np.moveaxis(position - hand * rotation[..., 2], -1, 0)
+    wrist = z - height + 1j * (np.hypot(x, y) - beside)
+    distance = np.abs(wrist)
+    cosine = (distance**2 - upper**2 - fore**2) / (2 * upper * fore)
+    if (np.abs(cosine) > 1).any():
         raise ValueError(
-            f"the arm's wrist is up to {farthest:.0f} mm from its shoulder; "
+            f"the arm's wrist is up to {distance.max():.0f} mm from its shoulder; "
             f"expected {upper - fore:.0f} to {upper + fore:.0f} mm at all poses"
         )
-    elbow = np.arccos(bend)
-    below = np.arctan2(fore * np.sin(elbow), upper + fore * np.cos(elbow))
-    shoulder = np.arctan2(out, high) - below
-    first = np.arctan2(y, x)
-    to_forearm = np.stack([first, shoulder + elbow], axis=-1)
-    forearm = Rotation.from_euler("ZY", to_forearm).as_matrix()
-    last = Rotation.from_matrix(forearm.mT @ rotation).as_euler("ZYZ")
-    return np.concatenate([np.stack([first, shoulder, elbow], axis=-1), last], axis=-1)
+    first, elbow = np.arctan2(y, x), np.arccos(cosine)
+    shoulder = np.angle(wrist) - np.angle(upper + fore * np.exp(1j * elbow))
+    ways = np.stack([first, shoulder + elbow], axis=-1)
+    forearm = Rotation.from_euler("ZY", ways).as_matrix()
+    of_hand = Rotation.from_matrix(forearm.mT @ rotation).as_euler("ZYZ")
+    of_arm = np.stack([first, shoulder, elbow], axis=-1)
+    return np.concatenate([of_arm, of_hand], axis=-1)
 
 
 def where_it_is(arm: Arm, rotation: ndarray, position: ndarray) -> Frames:
@@ -148,8 +144,8 @@ def where_it_is(arm: Arm, rotation: ndarray, position: ndarray) -> Frames:
     It stands upright where the middle of the positions is before it.
     """
     foot = position.mean(axis=0) - MIDDLE
-    R, T = arm.flange(joints_at(rotation, position - foot))
-    return R, T + foot
+    R, p = arm.flange(joints_at(rotation, position - foot))
+    return R, p + foot
 
 
 @dataclass(frozen=True)
@@ -165,7 +161,7 @@ class Robot:
         """Where an arm built like this has its flange when it reports poses (P, 3, 3),
         (P, 3), mm. Raises ValueError for poses out of reach.
         """
-        if not (self.joint_deg or self.link_mm):
+        if self == Robot():
             return rotation, position
         arm = Arm.erring(self.joint_deg, self.link_mm, rng)
         return where_it_is(arm, rotation, position)
@@ -191,15 +187,16 @@ class Scanner:
 
     def __post_init__(self) -> None:
         narrowest = min(self.near_width, self.far_width)
-        if not (0 <= self.near < self.far and narrowest > 0):
-            expected = "expected 0 <= near < far, near_width > 0 and far_width > 0"
-            raise ValueError(f"in [scanner] {expected}")
+        if not 0 <= self.near < self.far or narrowest <= 0:
+            raise ValueError(
+                "in [scanner] expected 0 <= near < far, near_width > 0 and "
+                "far_width > 0"
+            )
 
     def half_width(self, z: float | ndarray) -> Any:
         """Half the field of view in x at depth z, mm."""
-        widening = self.far_width - self.near_width
-        width = self.near_width + widening * (z - self.near) / (self.far - self.near)
-        return width / 2
+        wider, deeper = self.far_width - self.near_width, self.far - self.near
+        return (self.near_width + (z - self.near) * wider / deeper) / 2
 
     def profile(self, outline: ndarray, rng: Generator) -> ndarray:
         """A profile (points, 2) as the scanner sends it, mm, NaN where nothing is.
@@ -207,33 +204,30 @@ class Scanner:
         `outline` (V, 2): a chain of straight pieces in the scan plane, x and z in mm.
         """
         rays = np.linspace(-1, 1, self.points)
-        aside = self.resolution * rng.uniform(-0.5, 0.5, self.points)
-        middle = self.half_width(outline[:, 1].mean())
-        z = nearest_on_rays(outline, rays + aside / middle, self)
-        z = z + self.noise_mm * rng.normal(size=self.points)
-        x = rays * self.half_width(z)
-        counts = np.rint(np.stack([x, z], axis=-1) / self.quantum)
-        in_range = (self.near <= z) & (z <= self.far)  # false for NaN: nothing there
-        return np.where(in_range[..., None], counts * self.quantum, np.nan)
+        # as a fraction of the half width, at the mean depth of the outline's corners
+        width = self.resolution / self.half_width(outline[:, 1].mean())
+        blurred = rays + width * rng.uniform(-0.5, 0.5, self.points)
+        z = self.first_met(outline, blurred)
+        z += self.noise_mm * rng.normal(size=self.points)
+        z[(z < self.near) | (z > self.far)] = np.nan
+        seen = np.stack([rays * self.half_width(z), z], axis=-1)
+        return self.quantum * np.round(seen / self.quantum)
 
+    def first_met(self, outline: ndarray, rays: ndarray) -> ndarray:
+        """Depth z (n,), mm, at which rays (n,) first meet an outline (V, 2), or NaN.
 
-def nearest_on_rays(outline: ndarray, rays: ndarray, scanner: Scanner) -> ndarray:
-    """Depth z (n,), mm, at which rays (n,) first meet an outline (V, 2), or NaN.
-
-    A ray is a fraction r of the half width w(z), which is linear in z. So the
-    distance in x from the ray, x - r w(z), is linear along a straight piece. A ray
-    meets the piece if that has its ends to either side of the ray, where the distance
-    is zero.
-    """
-    x, z = outline.T
-    half = scanner.half_width(z)
-    right = x[:, None] > half[:, None] * rays
-    # of all pairs of a piece and a ray, few meet
-    begin, ray = np.nonzero(right[:-1] != right[1:])
-    end = begin + 1
-    from_begin = x[begin] - half[begin] * rays[ray]
-    from_end = x[end] - half[end] * rays[ray]
-    share = from_begin / (from_begin - from_end)
-    depth = np.full(len(rays), np.nan)
-    np.fmin.at(depth, ray, z[begin] + share * (z[end] - z[begin]))
-    return depth
+        A ray is a fraction r of the half width w(z), which is linear in z. So the
+        distance in x from the ray, x - r w(z), is linear along a straight piece. A ray
+        meets the piece if that has its ends to either side of the ray, where the
+        distance is zero.
+        """
+        x, z = outline.T
+        w = self.half_width(z)
+        changes = np.diff(x[:, None] > np.outer(w, rays), axis=0)
+        # np.nonzero of an array with two axes takes five times as long
+        piece, ray = np.divmod(np.flatnonzero(changes), len(rays))
+        begin, end = (x[k] - rays[ray] * w[k] for k in (piece, piece + 1))
+        met = z[piece] + begin / (begin - end) * np.diff(z)[piece]
+        depth = np.full(len(rays), np.nan)
+        np.fmin.at(depth, ray, met)
+        return depth

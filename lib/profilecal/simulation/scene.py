@@ -70,11 +70,10 @@ class Scene(Setup):
         """What is seen of a setup; `group` (P,) as `Observations` have it, `count`
         points of a curve.
         """
-        R = np.repeat(poses[0], poses[1].shape[1], axis=0)
-        T = poses[1].reshape(-1, 3)
-        target = setup.target
+        target, (R, T) = setup.target, poses
+        R, T = R.repeat(T.shape[1], axis=0), T.reshape(-1, 3)
         points = target.points_seen(*setup.planes(R, T), count)
-        observations = Observations(
+        seen = Observations(
             kind=target.kind,
             R_flange=R[None],
             T_flange=T[None],
@@ -86,7 +85,7 @@ class Scene(Setup):
             **vars(setup),
             poses=poses,
             labels=tuple(labels),
-            observations=observations,
+            observations=seen,
             truth=setup.state,
         )
 
@@ -97,8 +96,8 @@ class Scene(Setup):
         `trials` copies.
         """
         exact = self.observations.points
-        shape = (trials or len(exact), *exact.shape[1:])
-        points = exact + sigma_mm * rng.normal(size=shape)
+        size = trials or len(exact), *exact.shape[1:]
+        points = exact + sigma_mm * rng.normal(size=size)
         return replace(self.observations, points=points)
 
 
@@ -127,38 +126,32 @@ def random_scene(
     a curve.
     """
     target = TARGETS[kind]
-    shape = groups or target.groups, positions or target.positions
+    shape = G, N = groups or target.groups, positions or target.positions
     sizes = sizes or target.sizes
-    # the order of all that is drawn stays as it is, for a seed to give the same scene
-    R_sensor, T_sensor = mount or (
-        rotations(rng.uniform(-np.pi, np.pi, 3) / np.sqrt(3)),
-        rng.uniform(-150, 150, 3),
-    )
+    if mount is None:
+        turn = rng.uniform(-np.pi, np.pi, 3) / np.sqrt(3)
+        mount = rotations(turn), rng.uniform(-150, 150, 3)
     first = rotations(rng.uniform(-1.5, 1.5, 3))
-    middle = rng.uniform([600, -300, -100], [1200, 300, 500])
+    origin = rng.uniform([600, -300, -100], [1200, 300, 500])
     facing = first @ rotations(np.radians(30) * rng.uniform(-1, 1, 3))
     axes = facing @ target.stance
-    placed = target.at(middle, axes, sizes)
+    setup = Setup(target.at(origin, axes, sizes), facing, *mount)
+
     if axis is None:
-        turn = in_unit_ball(rng, shape[0])
+        turns = in_unit_ball(rng, G)
     else:
         about = axes[:, 2] if isinstance(axis, str) else axis
-        turn = rng.uniform(-1, 1, (shape[0], 1)) * about
-    turned = rotations(np.radians(spread_deg) * turn) @ first
-    normals = facing[:, 2] @ turned
-    views = Views(shape, sizes, normals, one_way, steering_mm)
-    moved = target.offsets(views, rng)
-    moved = moved @ (turned.mT if target.with_tool else first.T)
-    origin = middle - STANDOFF * turned[:, None, :, 2] - moved
-    R_flange = turned @ R_sensor.T
-    poses = R_flange, origin - (R_flange @ T_sensor)[:, None]
-    labels = [f"g{g + 1}p{n + 1}" for g, n in np.ndindex(shape)]
-    group = np.repeat(np.arange(shape[0]), shape[1])
-    setup = Setup(placed, facing, R_sensor, T_sensor)
-    return Scene.of(setup, poses, labels, group, count)
+        turns = rng.uniform(-1, 1, (G, 1)) * about
+    R_view = rotations(np.radians(spread_deg) * turns) @ first
+    views = Views(shape, sizes, facing[:, 2] @ R_view, one_way, steering_mm)
+    moving = R_view if target.with_tool else first
+    middle = origin - STANDOFF * R_view[:, None, :, 2]
+    T_view = middle - target.offsets(views, rng) @ moving.mT
+    R, T = setup.flange(R_view[:, None], T_view)
+    labels = [f"g{g + 1}p{p + 1}" for g, p in np.ndindex(shape)]
+    return Scene.of(setup, (R[:, 0], T), labels, np.arange(G).repeat(N), count)
 
 
 def in_unit_ball(rng: Generator, count: int) -> ndarray:
     """Points (count, 3), uniform in the unit ball."""
-    towards = directions(rng, (count,))
-    return towards * np.cbrt(rng.uniform(size=(count, 1)))
+    return directions(rng, (count,)) * np.cbrt(rng.uniform(size=(count, 1)))

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy import ndarray
-from numpy.random import Generator
+from numpy.random import Generator, default_rng
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import Frames, homogeneous, inverse
@@ -25,7 +25,7 @@ from profilecal.scan.toml import (
 )
 from profilecal.simulation.robot import Robot, Scanner, actual_poses, revisited
 from profilecal.simulation.scene import Scene, Setup, random_scene
-from profilecal.simulation.sweeps import Motion, Sweep, drive, resting, sweeps_of
+from profilecal.simulation.sweeps import Motion, Sweep, drive, random_sweeps
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
 
@@ -82,16 +82,16 @@ class Spec:
         return random_scene(
             self.kind,
             rng,
-            sizes=tuple(self.measures.values()),
             groups=self.groups,
             positions=self.positions,
+            sizes=tuple(self.measures.values()),
             spread_deg=self.spread_deg,
             steering_mm=self.noise.steering_mm,
         )
 
     def sweeps(self, scene: Scene, motion: Motion, rng: Generator) -> list[Sweep]:
         """The sweeps of its motion."""
-        return sweeps_of(scene, motion, self.spread_deg, rng)
+        return random_sweeps(scene, motion, self.spread_deg, rng)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,17 +152,10 @@ def simulate(kind: str = "edge", seed: int = 1, **entries: Any) -> tuple[Scan, T
 
 def truth_of(scan: Scan) -> Truth:
     """The truth that a simulated scan carries."""
-    entries = scan.truth["target"]
-    fields_of_target = {name: np.array(value) for name, value in entries.items()}
-    return Truth(
-        pose=np.array(scan.truth[pose_name(scan.mount)]),
-        target=scan.target(**fields_of_target),
-    )
-
-
-def pose_name(mount: str) -> str:
-    """What the sensor's pose is called in files."""
-    return f"T_{MOUNTS[mount]}_sensor"
+    truth = scan.truth
+    place = {name: np.array(value) for name, value in truth["target"].items()}
+    pose = np.array(truth[f"T_{MOUNTS[scan.mount]}_sensor"])
+    return Truth(pose, scan.target(**place))
 
 
 def read_spec(
@@ -175,29 +168,25 @@ def read_spec(
 
     Raises ScanError.
     """
-    entries = {"kind": Spec.kind} | dict(said)
-    check_entries(path, {"kind": entries["kind"]}, {"kind": one_of(TARGETS)})
-    target = TARGETS[entries["kind"]]
-    if "motion" in entries and not target.across:
-        raise ScanError(f"{path}: a {target.kind} is not swept; leave [motion] out")
-    lengths = length_rules(target.kind)
-    known = entries_of(made) | {
-        "measured": one_of(target.tables),
-        "specimen": one_of(target.specimens),
-    }
-    del known["sizes"]
-    check_entries(path, entries, known | lengths)
-    usual = made()
-    sizes = {name: entries.pop(name) for name in lengths if name in entries}
-    noise_mm = entries.get("noise", {}).get("profile_mm", usual.noise.profile_mm)
-    entries["scanner"] = {"noise_mm": noise_mm} | entries.get("scanner", {})
+    kind = said.get("kind", Spec.kind)
+    target, lengths = TARGETS.get(str(kind), Target), length_rules(kind)
+    rules = entries_of(made) | lengths
+    del rules["sizes"]
+    rules["measured"] = one_of(target.tables)
+    rules["specimen"] = one_of(target.specimens)
+    check_entries(path, said, rules)
+    if "motion" in said and not target.across:
+        raise ScanError(f"{path}: a {kind} is not swept; leave [motion] out")
+    noise = vars(USUAL_NOISE) | said.get("noise", {})
+    # the scanner's noise is what [noise] says, unless [scanner] says otherwise
+    noisy = vars(WIDE) | {"noise_mm": noise["profile_mm"]}
+    scanner = noisy | said.get("scanner", {})
     with naming(path):
-        for name, value in entries.items():
-            if isinstance(value, Mapping):
-                table = getattr(usual, name)
-                entries[name] = (
-                    replace(table, **value) if table else known[name](**value)
-                )
+        entries = {
+            name: rules[name](**value) if isinstance(value, Mapping) else value
+            for name, value in {**said, "noise": noise, "scanner": scanner}.items()
+        }
+        sizes = {name: entries.pop(name) for name in lengths if name in said}
         return made(**entries, sizes=sizes)
 
 
@@ -210,37 +199,40 @@ def simulate_scan(spec: Spec) -> Scan:
     for errors that would change nothing.
     """
     check_effects(spec)
-    rng = np.random.default_rng(spec.seed)
+    rng, motion = default_rng(spec.seed), spec.motion
     scene = spec.scene(rng)
-    if spec.scan > 1:  # its errors are others than those of the first
-        rng = np.random.default_rng(np.append(spec.seed, spec.scan))
-    motion = spec.motion
-    if motion is None:
+    if spec.scan > 1:
+        rng = default_rng(np.append(spec.seed, spec.scan))
+    if not motion:
         return record(scene, taken(scene, spec, rng), spec, rng)
+    # stops are on any ways, not in the middle, where a ball's side is open
+    to_stops = replace(motion, pattern="random", sweeps=motion.stops)
+    stops = [
+        way.at(way.seconds * rng.uniform(0.1, 0.4, 1) * rng.choice([-1, 1]))
+        for way in random_sweeps(scene, to_stops, spec.spread_deg, rng)
+    ]
     said, flange = drive(
         scene,
         motion,
         spec.noise,
         rng,
-        stops=resting(scene, motion, spec.spread_deg, rng),
         sweeps=spec.sweeps(scene, motion, rng),
+        stops=stops,
         to_hand=spec.to_hand,
     )
-    scan = scan_from(scene, flange, said, spec, rng)
-    scan.truth["delay_ms"] = motion.delay_ms
-    return scan
+    return scan_from(scene, flange, said, spec, rng)
 
 
 def check_effects(spec: Spec) -> None:
     """Refuse errors that a robot may have and a simulation of this scan leaves out."""
-    sizes = vars(spec.noise) | vars(spec.robot) | {"repeats": spec.repeats - 1}
-    idle = ["accuracy_mm", "accuracy_deg"]
+    noise = spec.noise
+    unused = {"accuracy_mm": noise.accuracy_mm, "accuracy_deg": noise.accuracy_deg}
     if spec.motion:
-        idle += ["joint_deg", "link_mm", "repeats"]
+        unused |= vars(spec.robot) | {"repeats": spec.repeats - 1}
     if not TARGETS[spec.kind].steered:
-        idle.append("steering_mm")
-    for name in idle:
-        if sizes[name]:
+        unused["steering_mm"] = noise.steering_mm
+    for name, size in unused.items():
+        if size:
             raise ScanError(f"{name} has no effect in this simulation; leave it out")
 
 
@@ -248,32 +240,33 @@ def taken(scene: Scene, spec: Spec, rng: Generator) -> Frames:
     """Where the flange is, (P, 3, 3), (P, 3) mm, whenever the robot is at the poses of
     a scene.
     """
-    # numbers of the groups, each at the first of its positions
-    shared = scene.observations.labels[:: scene.poses[1].shape[1]]
-    actual = actual_poses(*scene.poses, spec.noise, rng, shared, spec.to_hand)
-    R, T = (part.reshape(-1, *part.shape[2:]) for part in actual)
-    return spec.robot.built(R, T, np.random.default_rng(np.append(spec.seed, 0)))
+    R, T = scene.poses
+    group = scene.observations.labels[:: T.shape[1]]
+    R, T = actual_poses(R, T, spec.noise, rng, group, spec.to_hand)
+    arm = default_rng(np.append(spec.seed, 0))
+    return spec.robot.built(R.reshape(-1, 3, 3), T.reshape(-1, 3), arm)
 
 
 def record(scene: Scene, poses: Frames, spec: Spec, rng: Generator) -> Scan:
     """The scan of a scene by a robot that takes its flange to `poses` (P, 3, 3), (P,
     3), mm. Raises ScanError where it shows nothing.
     """
-    # what is measured again at a stop has the error of the same visit
-    visit = np.repeat(np.arange(len(scene.labels)), spec.repeats)
-    R_actual, T_actual = revisited(*poses, spec.noise, rng)
-    visited = scene.observations.keep(visit)
-    R, T = visited.R_flange[0], visited.T_flange[0]
+    stop = np.arange(len(scene.labels)).repeat(spec.repeats)
+    seen = scene.observations.keep(stop)
+    R, T = seen.R_flange[0], seen.T_flange[0]
     if spec.to_hand:
         R, T = inverse(R, T)
-    again = [f"m{k + 1}" for k in range(spec.repeats)] if spec.repeats > 1 else [""]
+    labels, again = [*scene.labels], range(1, spec.repeats + 1)
+    if spec.repeats > 1:
+        labels = [f"{label}m{k}" for label in labels for k in again]
     said = {
-        "labels": tuple(name + suffix for name in scene.labels for suffix in again),
+        "labels": labels,
         "R_base_flange": R,
         "p_base_flange": T,
-        "group": visited.labels,
+        "group": seen.labels,
     }
-    return scan_from(scene, (R_actual[visit], T_actual[visit]), said, spec, rng)
+    R, T = revisited(*poses, spec.noise, rng)
+    return scan_from(scene, (R[stop], T[stop]), said, spec, rng)
 
 
 def scan_from(
@@ -284,42 +277,41 @@ def scan_from(
 
     Eye-to-hand is the same measurement with the roles of base and flange exchanged.
     """
-    target = setup.target
+    target, noise = setup.target, spec.noise
     planes = setup.planes(*(inverse(*flange) if spec.to_hand else flange))
     measured = spec.measured or target.tables[-1]
     if measured == "profiles":
-        specimen = spec.specimen or target.specimens[0]
-        outlines = target.outline(specimen, *planes, setup.facing[:, 2])
-        seen = [spec.scanner.profile(outline, rng) for outline in outlines]
+        body = spec.specimen or target.specimens[0]
+        chains = target.outline(body, *planes, setup.facing[:, 2])
+        rows = [spec.scanner.profile(chain, rng) for chain in chains]
     else:
         exact = target.meet(*planes).reshape(-1, 1, len(MEASURED[measured]))
-        seen = [*(exact + spec.noise.profile_mm * rng.normal(size=exact.shape))]
-    values = tuple(rows[np.isfinite(rows).all(axis=1)] for rows in seen)
+        rows = [*(exact + noise.profile_mm * rng.normal(size=exact.shape))]
+    values = [seen[np.isfinite(seen).all(axis=1)] for seen in rows]
     if not any(map(len, values)):
         raise ScanError(
             "from none of these poses is anything in the scanner's range: "
             "look at [guess] and [scanner]"
         )
-    side = target.sides(*planes)
-    if "times" in said:
-        side = np.where(np.isnan(said["times"]), side, 0)
-    noise = {name: value for name, value in vars(spec.noise).items() if value}
-    placed = vars(target)
+    pose = homogeneous(setup.R_sensor, setup.T_sensor)
     truth = {
-        "seed": np.asarray(spec.seed).tolist(),
-        pose_name(spec.mount): homogeneous(setup.R_sensor, setup.T_sensor).tolist(),
-        "target": {name: np.asarray(value).tolist() for name, value in placed.items()},
+        "seed": np.array(spec.seed).tolist(),
+        f"T_{MOUNTS[spec.mount]}_sensor": pose.tolist(),
+        "target": {name: np.array(v).tolist() for name, v in vars(target).items()},
     }
+    if spec.motion:
+        truth["delay_ms"] = spec.motion.delay_ms
     return Scan(
-        kind=spec.kind,
+        kind=target.kind,
+        measured=measured,
+        values=tuple(values),
         sizes=target.measures,
-        noise=noise,
+        # unknown in motion
+        side=target.sides(*planes) * np.isnan(said.get("times", np.nan)),
+        noise={name: sd for name, sd in vars(noise).items() if sd},
         mount=spec.mount,
         title=spec.title or f"simulated {spec.kind}",
         convention=spec.convention,
-        measured=measured,
-        values=values,
-        side=side,
         truth=truth,
         **said,
     )
