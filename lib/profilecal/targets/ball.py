@@ -7,15 +7,10 @@ from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from profilecal.geometry.fitting import fit_sphere
-from profilecal.geometry.poses import circle_around, dot, root
+from profilecal.geometry.poses import circle_around, root
 from profilecal.profiles.arcs import find_balls
-from profilecal.targets.plane import Round
-from profilecal.targets.target import (
-    Fitted,
-    Linearised,
-    Sight,
-    Views,
-)
+from profilecal.targets.plane import Round, fan
+from profilecal.targets.target import Fitted, Linearised, Sight, Views, length_of
 
 
 @dataclass(frozen=True)
@@ -54,25 +49,24 @@ class Ball(Round):
     @staticmethod
     def residual(sight: Sight) -> Linearised:
         """Distance from the circle that the plane cuts out."""
-        vx, vy, vz = sight.offset
-        (size,) = sight.sizes
-        distance = np.hypot(vx, vz)
-        radius, slope = root(size**2 - vy**2, 0.1 * size)
-        force = [-vx / distance, -2 * slope * vy, -vz / distance]
-        return [distance - radius], [force], None
+        x, y, z = sight.offset
+        (radius,) = sight.sizes
+        circle, slope = root(radius**2 - y * y, 0.1 * radius)
+        distance = np.sqrt(x * x + z * z)
+        force = [-x / distance, -2 * slope * y, -z / distance]
+        return [distance - circle], [force], None
 
     @staticmethod
     def residual_in_space(sight: Sight) -> Linearised:
         """Distance from the ball."""
-        v = sight.offset
-        distance = np.sqrt(dot(v, v))
-        force = [-c / distance for c in v]
+        distance = length_of(sight.offset)
+        force = [-part / distance for part in sight.offset]
         return [distance - sight.sizes[0]], [force], None
 
     @staticmethod
     def fit(points: ndarray) -> Fitted:
         centre, radius = fit_sphere(points)
-        return centre, np.broadcast_to(np.eye(3), (*centre.shape, 3)), (radius,)
+        return centre, np.eye(3) + 0 * centre[..., None], (radius,)
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """Three great circles."""
@@ -82,10 +76,9 @@ class Ball(Round):
         """The circles that scan planes cut from the ball, (..., 3): x, z, r; r NaN
         where they miss it.
         """
-        c = np.vecmat(self.centre - origin, rotation)
+        x, y, z = self.sight_from(rotation, origin).origin[..., 0, 0]
         with np.errstate(invalid="ignore"):
-            r = np.sqrt(self.radius**2 - c[..., 1] ** 2)
-        return np.stack([c[..., 0], c[..., 2], r], axis=-1)
+            return np.stack([x, z, np.sqrt(self.radius**2 - y * y)], axis=-1)
 
     def arc(
         self, rotation: ndarray, origin: ndarray, reach_deg: float, count: int
@@ -94,12 +87,10 @@ class Ball(Round):
         nearest to the scanner.
         """
         circle = self.meet(rotation, origin)[..., None, :]
-        centre, radius = circle[..., :2], circle[..., 2:]
-        angle = np.radians(np.linspace(-reach_deg, reach_deg, count))
-        return centre + radius * np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
+        return circle[..., :2] + circle[..., 2:] * [1, -1] * fan(reach_deg, count)
 
     def sides(self, rotation: ndarray, origin: ndarray) -> ndarray:
-        return np.sign(np.vecmat(self.centre - origin, rotation)[..., 1])
+        return np.sign(np.vecdot(self.centre - origin, rotation[..., 1]))
 
     def centre_from_circle(self, circle: ArrayLike, side: ArrayLike) -> ndarray:
         """The ball's centre in the sensor frame, (..., 3), from circles (..., 3) x, z,
@@ -109,16 +100,15 @@ class Ball(Round):
         Section IV-A). A circle larger than the ball puts it into the scan plane; what
         is masked is NaN.
         """
-        for other in np.setdiff1d(side, [-1, 1]):
+        for other in np.setdiff1d(side, [1, -1]):
             raise ValueError(f"a side is {other:g}; expected 1 or -1 for each circle")
-        circle = np.ma.filled(np.ma.asarray(circle, dtype=float), np.nan)
-        x, z, r = np.moveaxis(circle, -1, 0)
-        y = side * np.sqrt(np.maximum(self.radius**2 - r**2, 0))
+        filled = np.ma.filled(np.ma.asarray(circle, dtype=float), np.nan)
+        x, z, r = np.moveaxis(filled, -1, 0)
+        y = side * np.sqrt(np.maximum(self.radius**2 - r * r, 0))
         return np.stack([x, y, z], axis=-1)
 
     @staticmethod
     def offsets(views: Views, rng: np.random.Generator) -> ndarray:
         """The scan plane passes the centre at up to 0.7 radii."""
-        (radius,) = views.sizes
-        y, x, z = (reach * rng.uniform(-1, 1, views.shape) for reach in (0.7, 0.4, 0.4))
-        return radius * np.stack([x, y, z], axis=-1)
+        y, x, z = rng.uniform(-1, 1, (3, *views.shape))
+        return views.sizes[0] * np.stack([0.4 * x, 0.7 * y, 0.4 * z], axis=-1)

@@ -5,17 +5,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 
-from profilecal.geometry.fitting import fit_sphere, middle_of, principal_axes
-from profilecal.geometry.poses import circle_around, cross, dot, frame_around, root
+from profilecal.geometry.fitting import fit_sphere, principal_axes
+from profilecal.geometry.poses import circle_around, dot, frame_around, root
 from profilecal.profiles.chords import find_chords
-from profilecal.targets.plane import BELOW_MM, Plane
+from profilecal.targets.plane import above_table
 from profilecal.targets.target import (
     Fitted,
     Linearised,
     Sight,
     Target,
     Views,
-    Y,
+    distances_in_space,
+    length_of,
 )
 
 
@@ -90,46 +91,43 @@ class Disk(Target):
             dφ = ωy - t N · ω',    dN = A dφ,    dA = -N dφ,
             dg = ny A · ω',    dt = -A · ω' / g²,    dq = -cy / g² dg,
 
-            -dE = (e N - cy t A) dφ - cy N dt + de/dq cy / g² A dg.
+            -dE = P dφ - cy N dt + de/dq cy / g² A dg,    P = e N - cy t A.
+
+        By ωy that is P, and by each of ω' = (ωx, ωz), with the same of N and A,
+
+            Ak Q - t Nk P,    Q = q / g (N + de/dq ny A).
         """
-        (nx, ny, nz), cy = sight.axes[2], sight.origin[1]
+        nx, ny, nz = sight.axes[2]
+        cy = sight.origin[1]
         (radius,) = sight.sizes
         g = np.hypot(nx, nz)
+        t, q = ny / g, cy / g
         N = np.array([nx, nz]) / g
         A = np.array([nz, -nx]) / g
-        t = ny / g
-        q = cy / g
-        h, h_by_square = root(radius**2 - q**2, 0.1 * radius)
-        s = np.array([[-1.0], [1.0]]) * np.where(nz < 0, -1, 1)
-        e = s * h
-        e_by_q = -2 * q * h_by_square * s
-
-        r = sight.points - (sight.origin[::2] + cy * t * N) - e * A
-        by_cy = -t * N - e_by_q * (A / g)
-        force = [[-1.0, by_cy[0], 0.0], [0.0, by_cy[1], -1.0]]
-        by_phi = e * N - cy * t * A
-        by_t = -cy * N
-        by_g = e_by_q * (cy * A / g**2)
-        by_x, by_z = (
-            by_g * (ny * A[i]) - by_phi * (t * N[i]) - by_t * (A[i] / g**2)
-            for i in (0, 1)
-        )
-        return [*r], force, [*zip(by_x, by_phi, by_z, strict=True)]
+        half, slope = root(radius**2 - q * q, 0.1 * radius)
+        s = np.where(nz < 0, -1, 1) * [[-1], [1]]
+        e, de_dq = s * half, -2 * s * slope * q
+        r = sight.points - sight.origin[::2] - cy * t * N - e * A
+        by_cy = -t * N - de_dq / g * A
+        force = [(-1.0, by_cy[0], 0.0), (0.0, by_cy[1], -1.0)]
+        P, Q = e * N - cy * t * A, q / g * (N + de_dq * ny * A)
+        by_x, by_z = (A[k] * Q - t * N[k] * P for k in (0, 1))
+        return [*r], force, [*zip(by_x, P, by_z, strict=True)]
 
     @staticmethod
     def residual_in_space(sight: Sight) -> Linearised:
         """Each tip's height above the disk, and its distance from the centre less the
         radius.
         """
-        v, normal = sight.offset, sight.axes[2]
-        length = np.sqrt(dot(v, v))
-        r = [dot(normal, v), length - sight.sizes[0]]
-        force = [-normal, [-c / length for c in v]]
-        return r, force, [cross(normal, v), [0.0, 0.0, 0.0]]
+        offset, normal = sight.offset, sight.axes[2]
+        distance = length_of(offset)
+        outward = [part / distance for part in offset]
+        height = dot(normal, offset), normal
+        return distances_in_space(offset, height, (distance - sight.sizes[0], outward))
 
     @staticmethod
     def fit(points: ndarray) -> Fitted:
-        return fit_around(principal_axes(points)[..., 2, :], points)
+        return round_about(principal_axes(points)[..., 2, :], points)
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """The rim."""
@@ -140,19 +138,17 @@ class Disk(Target):
         of smaller x first, each as x and z in the sensor frame; NaN where the disk is
         missed.
         """
-        cy = np.vecmat(self.centre - origin, rotation)[..., 1]
-        n = self.normal @ rotation
-        g = np.hypot(n[..., 0], n[..., 2])
-        missed = np.abs(cy) > self.radius * g
-        tips = super().meet(rotation, origin)
-        return np.where(missed[..., None, None], np.nan, tips)
+        sight = self.sight_from(rotation, origin)
+        nx, _, nz = sight.axes[2]
+        is_met = np.abs(sight.origin[1]) < self.radius * np.hypot(nx, nz)
+        return np.where(is_met, super().meet(rotation, origin), np.nan)
 
     def outline(
         self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray
     ) -> list[ndarray]:
         """On top of a cylinder, above a table."""
-        table = Plane(self.centre + BELOW_MM * away, away)
-        return table.behind(self.meet(rotation, origin), rotation, origin)
+        chords = self.meet(rotation, origin)
+        return above_table(chords, self.centre, rotation, origin, away)
 
     @staticmethod
     def offsets(views: Views, rng: np.random.Generator) -> ndarray:
@@ -161,23 +157,23 @@ class Disk(Target):
         centre.
         """
         groups, positions = views.shape
-        normals = views.normals
-        sides = np.where(np.arange(groups) % 2, -1, 1)
-        way = normals + np.outer(sides, Y)
-        way = way / way[:, 1:2]
+        side = np.where(np.arange(groups) % 2, -1, 1)[:, None]
+        way = side * views.normals + [0, 1, 0]
         if views.one_way:
-            way[:] = way[0]
-        farthest = np.minimum(0.64, 0.9 * np.hypot(normals[:, 0], normals[:, 2]))
-        reach = views.sizes[0] * farthest[:, None, None]
-        return np.linspace(-1, 1, positions)[:, None] * reach * way[:, None]
+            way = way[:1]
+        # a chord is 1 / g times as far from the centre as the scan plane, g as in
+        # `residual`
+        g = np.linalg.norm(views.normals[:, ::2], axis=1, keepdims=True)
+        ends = views.sizes[0] * np.minimum(0.64, 0.9 * g) * way / way[:, [1]]
+        return np.linspace(-1, 1, positions)[:, None] * ends[:, None]
 
 
-def fit_around(axis: ndarray, points: ndarray) -> Fitted:
+def round_about(axis: ndarray, points: ndarray) -> Fitted:
     """What is round about unit vectors (..., 3) and nearest to points (..., n, 3): its
     frame's origin and axes, z the unit vector, and its radius.
     """
     axes = frame_around(axis)
-    across = axes[..., :2]
-    middle = middle_of(points)
-    centre, radius = fit_sphere((points - middle) @ across)
-    return middle[..., 0, :] + np.matvec(across, centre), axes, (radius,)
+    in_axes = points @ axes
+    place = in_axes.mean(axis=-2)
+    place[..., :2], radius = fit_sphere(in_axes[..., :2])
+    return np.matvec(axes, place), axes, (radius,)

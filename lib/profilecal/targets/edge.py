@@ -6,7 +6,7 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.fitting import principal_axes
-from profilecal.geometry.poses import cross, dot, frame_around
+from profilecal.geometry.poses import cross, dot, frame_around, unit
 from profilecal.profiles.edges import find_edges
 from profilecal.targets.target import (
     ALONG_Y,
@@ -14,7 +14,7 @@ from profilecal.targets.target import (
     Linearised,
     Sight,
     Target,
-    up_and_aside,
+    distances_in_space,
 )
 
 # 20 mm along a face that is inclined by 35°
@@ -80,28 +80,29 @@ class Edge(Target):
         y = 0 where a = -s, s = py / dy. A turn ω of the edge moves that place as does a
         shift by ω × a d.
         """
-        vx, vy, vz = sight.offset
-        dx, dy, dz = d = sight.axes[2]
-        s = -vy / dy
-        r = [vx + s * dx, vz + s * dz]
-        force = [[-1.0, dx / dy, 0.0], [0.0, dz / dy, -1.0]]
-        return r, force, [cross(-s * d, one) for one in force]
+        dx, dy, dz = sight.axes[2]
+        x, y, z = sight.offset  # y is -py
+        a, by_x, by_z = y / dy, dx / dy, dz / dy
+        way = a * dx, y, a * dz
+        forces = [(-1.0, by_x, 0.0), (0.0, by_z, -1.0)]
+        return [x - way[0], z - way[2]], forces, [cross(way, force) for force in forces]
 
     @staticmethod
     def residual_in_space(sight: Sight) -> Linearised:
         """How far the sensed point is off along the two axes across the edge."""
-        v, across = sight.offset, sight.axes[:2]
-        torque = [cross(axis, v) for axis in across]
-        return [dot(axis, v) for axis in across], [-axis for axis in across], torque
+        offset = sight.offset
+        across = [(dot(axis, offset), axis) for axis in sight.axes[:2]]
+        return distances_in_space(offset, *across)
 
     @staticmethod
     def fit(points: ndarray) -> Fitted:
-        return points.mean(axis=-2), frame_around(principal_axes(points)[..., 0, :]), ()
+        direction = principal_axes(points)[..., 0, :]
+        return points.mean(axis=-2), frame_around(direction), ()
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """The edge as long as it was seen."""
-        ends = np.nanpercentile((points - self.point) @ self.direction, [1, 99])
-        ends = ends + 0.1 * (ends - ends[::-1])  # a tenth longer at both ends
+        seen = np.nanpercentile((points - self.point) @ self.direction, [1, 99])
+        ends = seen + 0.1 * np.diff(seen) * [-1, 1]
         return [self.point + np.outer(ends, self.direction)]
 
     def outline(
@@ -111,10 +112,27 @@ class Edge(Target):
         and z in the sensor frame, mm. All its faces run along the edge; its top faces
         the scanner, on the side of smaller x.
         """
-        sensor_x = rotation.reshape(-1, 3, 3).mean(axis=0)[:, 0]
-        up, aside = up_and_aside(self.direction, away, sensor_x)
-        lines = [
-            Edge(self.point + a * aside + h * up, self.direction)
-            for a, h in SPECIMENS[specimen]
-        ]
-        return np.stack([line.meet(rotation, origin) for line in lines], axis=-2)
+        corners = np.array(SPECIMENS[specimen])
+        x = rotation.reshape(-1, 3, 3).mean(axis=0)[
+            :, 0
+        ]  # of all planes, as it is one body
+        return self.cut(corners, rotation, origin, away, x)
+
+    def cut(
+        self,
+        corners: ndarray,
+        rotation: ndarray,
+        origin: ndarray,
+        away: ndarray,
+        x: ndarray,
+    ) -> ndarray:
+        """The chains (..., V, 2) that scan planes cut from a body along this edge whose
+        cross-section has `corners` (V, 2): to the side of `x` (..., 3), and against
+        `away` (..., 3), which points away from the scanner.
+        """
+        aside = unit(np.cross(self.direction, away))
+        up = np.cross(self.direction, aside)
+        aside = aside * np.sign(np.vecdot(aside, x))[..., None]
+        across = np.stack(np.broadcast_arrays(aside, up), axis=-2)
+        parallel = Edge(self.point + corners @ across, self.direction)
+        return parallel.meet(rotation[..., None, :, :], origin[..., None, :])

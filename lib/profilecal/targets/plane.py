@@ -2,20 +2,21 @@
 al. 2020). What balls and rods, which lie on one in simulated profiles, have in common.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.fitting import principal_axes
-from profilecal.geometry.poses import circle_around, cross, dot, frame_around
+from profilecal.geometry.poses import circle_around, dot, frame_around
 from profilecal.profiles.faces import find_lines
 from profilecal.targets.target import (
     Fitted,
     Linearised,
     Sight,
     Target,
-    Y,
+    distances_in_space,
     in_scan_plane,
 )
 
@@ -48,7 +49,6 @@ class Plane(Target):
     shape = "plane"
     shifts = "z"
     turns = "xy"
-    rows = 1
     finder = staticmethod(find_lines)
     groups = 12
     positions = 3
@@ -57,32 +57,33 @@ class Plane(Target):
     @staticmethod
     def residual(sight: Sight) -> Linearised:
         """Distance from the line in which the planes meet."""
-        ey_by_turn = cross(sight.axes[2], Y)
-        return in_scan_plane(Plane.residual_in_space(sight), np.zeros(3), ey_by_turn)
+        return in_scan_plane(Plane.residual_in_space(sight), sight.offset)
 
     @staticmethod
     def residual_in_space(sight: Sight) -> Linearised:
         """Distance from the face."""
-        v, normal = sight.offset, sight.axes[2]
-        return [dot(normal, v)], [-normal], [cross(normal, v)]
+        offset, normal = sight.offset, sight.axes[2]
+        return distances_in_space(offset, (dot(normal, offset), normal))
 
     @staticmethod
     def fit(points: ndarray) -> Fitted:
-        return points.mean(axis=-2), frame_around(principal_axes(points)[..., 2, :]), ()
+        normal = principal_axes(points)[..., 2, :]
+        return points.mean(axis=-2), frame_around(normal), ()
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """A square."""
-        return [circle_around(self.point, self.normal, 60.0, count=5)]
+        return [circle_around(self.point, self.normal, 60.0, 5)]
 
     def line_at(self, rotation: ndarray, origin: ndarray, x: ndarray) -> ndarray:
         """Points (P, k, 2) at x (P, k) or (k,) of the lines in which scan planes
         (P, 3, 3), (P, 3) meet the face; not finite where these are parallel to the
         depth.
         """
-        height = (self.point - origin) @ self.normal
-        n = self.normal @ rotation
+        sight = self.sight_from(rotation, origin)
+        normal, place = sight.axes[2][..., 0], sight.origin[..., 0]
+        nx, _, nz = normal
         with np.errstate(divide="ignore", invalid="ignore"):
-            z = (height[:, None] - n[:, :1] * x) / n[:, 2:]
+            z = (dot(normal, place) - nx * x) / nz
         return np.stack(np.broadcast_arrays(x, z), axis=-1)
 
     def points_seen(self, rotation: ndarray, origin: ndarray, count: int) -> ndarray:
@@ -94,38 +95,34 @@ class Plane(Target):
         """A face that fills the field of view."""
         return self.line_at(rotation, origin, FAR)
 
-    def behind(
-        self, arcs: ndarray, rotation: ndarray, origin: ndarray
-    ) -> list[ndarray]:
-        """Outlines of bodies above this face: their arcs (P, k, 2) between parts of it,
-        or the face alone where an arc is NaN.
-        """
-        outlines = list(self.line_at(rotation, origin, FAR))
-        beside = self.line_at(rotation, origin, arcs[:, [0, -1], 0])
-        for k in np.flatnonzero(np.isfinite(arcs).all(axis=(1, 2))):
-            (left, right), (first, last) = outlines[k], beside[k]
-            outlines[k] = np.concatenate([[left, first], arcs[k], [last, right]])
-        return outlines
+
+def above_table(
+    arcs: ndarray, top: ndarray, rotation: ndarray, origin: ndarray, away: ndarray
+) -> list[ndarray]:
+    """Outlines of bodies above a table: their arcs (P, k, 2) between parts of it, or
+    the table alone where an arc is NaN. The table is BELOW_MM below `top` (3,), square
+    to `away` (3,).
+    """
+    table = Plane(top + BELOW_MM * away, away)
+    x = np.insert(arcs[:, [0, -1], 0], [0, 2], FAR, axis=1)
+    line = table.line_at(rotation, origin, x)
+    chains = np.concatenate([line[:, :2], arcs, line[:, 2:]], axis=1)
+    return [chain[np.isfinite(chain).all(axis=1)] for chain in chains]
 
 
 class Round(Target):
     """What has a radius and shows an arc in profiles: a ball or a rod."""
 
     radius: float
-
-    lengths = ("radius",)
-    rows = 1
-    fit_is_best = False
-    # that a scanner sees, to either side of what is nearest to it
+    # how far to either side of its top the scanner sees it
     half_arc_deg: float
 
-    def arc(
-        self, rotation: ndarray, origin: ndarray, reach_deg: float, count: int
-    ) -> ndarray:
-        """Points (P, count, 2) that scan planes (P, 3, 3), (P, 3) cut from it, by
-        angles to either side of what is nearest to the scanner.
-        """
-        raise NotImplementedError
+    lengths = ("radius",)
+    fit_is_best = False
+
+    # arc(rotation, origin, reach_deg, count): points (P, count, 2) that scan planes
+    # (P, 3, 3), (P, 3) show of it, by angles to either side of its top
+    arc: Callable[..., ndarray]
 
     def points_seen(self, rotation: ndarray, origin: ndarray, count: int) -> ndarray:
         return self.arc(rotation, origin, self.half_arc_deg, count)
@@ -134,6 +131,12 @@ class Round(Target):
         self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray
     ) -> list[ndarray]:
         """Above a table."""
-        middle, _ = self.frame
-        table = Plane(middle + (self.radius + BELOW_MM) * away, away)
-        return table.behind(self.arc(rotation, origin, 90, 721), rotation, origin)
+        top = self.frame[0] + self.radius * away
+        arcs = self.arc(rotation, origin, 90.0, 721)
+        return above_table(arcs, top, rotation, origin, away)
+
+
+def fan(reach_deg: float, count: int) -> ndarray:
+    """Unit vectors (count, 2) by angles to either side of the second axis."""
+    angle = np.radians(reach_deg) * np.linspace(-1, 1, count)
+    return np.stack([np.sin(angle), np.cos(angle)], axis=-1)

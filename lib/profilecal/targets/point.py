@@ -9,13 +9,7 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.noise import Noise
-from profilecal.targets.target import (
-    Fitted,
-    Linearised,
-    Sight,
-    Target,
-    Views,
-)
+from profilecal.targets.target import Fitted, Linearised, Sight, Target, Views
 
 
 @dataclass(frozen=True)
@@ -48,30 +42,29 @@ class Point(Target):
     @staticmethod
     def residual(sight: Sight) -> Linearised:
         """x and z of the scan, and the distance from the scan plane."""
-        vx, vy, vz = sight.offset
-        force = [[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]]
-        return [vx, vz, vy], force, None
+        x, y, z = sight.offset
+        return [x, z, y], [(-1.0, 0, 0), (0, 0, -1.0), (0, -1.0, 0)], None
 
     residual_in_space = residual
 
     @classmethod
     def residual_sd(cls, noise: Noise) -> tuple[float, ...]:
-        known = noise.steering_mm and noise.profile_mm
-        return (1.0, 1.0, noise.steering_mm / noise.profile_mm if known else 1.0)
+        return 1.0, 1.0, noise.steering_mm / (noise.profile_mm or 1.0) or 1.0
 
     @staticmethod
     def fit(points: ndarray) -> Fitted:
         middle = points.mean(axis=-2)
-        return middle, np.broadcast_to(np.eye(3), (*middle.shape, 3)), ()
+        return middle, np.eye(3) + 0 * middle[..., None], ()
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """A cross."""
-        return [self.point + 10 * np.outer([-1, 1], axis) for axis in np.eye(3)]
+        return [self.point + np.outer([-10, 10], axis) for axis in np.eye(3)]
 
     @staticmethod
     def offsets(views: Views, rng: np.random.Generator) -> ndarray:
         """The scan plane misses the point by how well the operator steers."""
-        x = rng.uniform(-25, 25, views.shape)
-        y = views.steering_mm * rng.normal(size=views.shape)
-        z = rng.uniform(-25, 25, views.shape)
+        shape = views.shape
+        x = rng.uniform(-25, 25, shape)
+        y = views.steering_mm * rng.normal(size=shape)
+        z = rng.uniform(-25, 25, shape)
         return np.stack([x, y, z], axis=-1)

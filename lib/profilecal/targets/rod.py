@@ -7,20 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 
-from profilecal.geometry.fitting import middle_of, with_sign
-from profilecal.geometry.poses import cross, dot
+from profilecal.geometry.fitting import with_sign
+from profilecal.geometry.poses import circle_around, dot
 from profilecal.profiles.arcs import find_rods
-from profilecal.targets.disk import fit_around
+from profilecal.targets.disk import round_about
 from profilecal.targets.edge import Edge
-from profilecal.targets.plane import Round
+from profilecal.targets.plane import Round, fan
 from profilecal.targets.target import (
     ALONG_Y,
     Fitted,
     Linearised,
     Sight,
-    Y,
+    distances_in_space,
     in_scan_plane,
-    up_and_aside,
+    length_of,
 )
 
 
@@ -56,10 +56,7 @@ class Rod(Round):
     sizes = (15.0,)
     stance = ALONG_Y
     across = (1.0, 0.3, 0.5)
-
-    @property
-    def across_mm(self) -> float:
-        return 10.0
+    across_mm = 10.0
 
     @staticmethod
     def residual(sight: Sight) -> Linearised:
@@ -70,58 +67,54 @@ class Rod(Round):
         point changes e by the part of m square to d and e, over that distance, so that
 
             dey = j · m,    j = (Y - dy d - ey e) / (f + R).
-
-        A shift of the bar moves the point the other way, as the bar sees it: m is minus
-        the shift. So does a turn ω, m = -ω × v, which turns e too:
-
-            dey = Y · (ω × e) - j · (ω × v) = ω · (e × Y - v × j).
         """
-        (f,), (force,), _ = in_space = Rod.residual_in_space(sight)
-        d, e = sight.axes[2], -force
-        j = -d[1] * d - e[1] * e
-        j[1] += 1
-        j /= f + sight.sizes[0]
-        turned, moved = cross(e, Y), cross(sight.offset, j)
-        by_turn = [turned[k] - moved[k] for k in range(3)]
-        return in_scan_plane(in_space, -j, by_turn)
+        in_space = Rod.residual_in_space(sight)
+        (distance,), (force,), _ = in_space
+        axis = sight.axes[2]
+        parts = zip((0, 1, 0), axis, force, strict=True)
+        bend = [
+            (y - axis[1] * d - force[1] * F) / (distance + sight.sizes[0])
+            for y, d, F in parts
+        ]
+        return in_scan_plane(in_space, sight.offset, bend)
 
     @staticmethod
     def residual_in_space(sight: Sight) -> Linearised:
         """Distance from the bar."""
-        v, d = sight.offset, sight.axes[2]
-        along = dot(v, d)
-        off = np.array([v[k] - along * d[k] for k in range(3)])
-        distance = np.sqrt(dot(off, off))
-        e = off / distance
-        return [distance - sight.sizes[0]], [-e], [cross(e, v)]
+        offset, axis = sight.offset, sight.axes[2]
+        along = dot(offset, axis)
+        across = [v - along * d for v, d in zip(offset, axis, strict=True)]
+        distance = length_of(across)
+        outward = [part / distance for part in across]
+        return distances_in_space(offset, (distance - sight.sizes[0], outward))
 
     @staticmethod
     def fit(points: ndarray) -> Fitted:
         """The axis algebraically, and the nearest circle around it.
 
-        With points p from their middle, in units of their spread, and the unit vector d
-        along the axis, those of a rod have |p|² = pᵀ D p + b·p + k with D = d dᵀ. Least
-        squares give D, of which d is the eigenvector to the largest eigenvalue.
+        With points p from their middle, in units of their spread, and h = (p, 1), those
+        of a rod have hᵀ Q h = 0. The block of Q that is square in p is 1 - d dᵀ but for
+        a factor, d the unit vector along the axis, which is its eigenvector to the
+        smallest eigenvalue. Q = Σ c_k h_i h_j, k the pair i, j, has the least Σ (hᵀ Q
+        h)² = cᵀ S c of all whose block has the same trace t · c where S c is a multiple
+        of t.
         """
-        p = points - middle_of(points)
-        spread = np.sqrt(np.vecdot(p, p).mean(axis=-1))
-        p = p / spread[..., None, None]
-        i, j = np.triu_indices(3)
-        # by the ten unknowns: D's six entries, those off its diagonal twice; b; and k
-        of_D = p[..., i] * p[..., j] * np.where(i == j, 1, 2)
-        A = np.concatenate([of_D, p, np.ones_like(p[..., :1])], axis=-1)
-        square = np.vecdot(p, p)
-        # points of one profile, or fewer than ten, leave some of them open
-        ridge = 1e-9 * np.eye(10) * p.shape[-2]
-        x = np.linalg.solve(A.mT @ A + ridge, A.mT @ square[..., None])[..., 0]
-        D = x[..., [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
-        return fit_around(with_sign(np.linalg.eigh(D)[1][..., 2]), points)
+        p = points - points.mean(axis=-2, keepdims=True)
+        p = p / p.std(axis=(-2, -1), keepdims=True)
+        h = np.insert(p, 3, 1.0, axis=-1)
+        i, j = np.triu_indices(4)
+        products = h[..., i] * h[..., j]
+        # of exact points S has no inverse
+        S = products.mT @ products + 1e-10 * np.eye(10)
+        Q = np.zeros((*S.shape[:-2], 4, 4))
+        Q[..., i, j] = np.linalg.solve(S, (i == j) & (i < 3))
+        direction = np.linalg.eigh((Q + Q.mT)[..., :3, :3])[1][..., 0]
+        return round_about(with_sign(direction), points)
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """Four generators, as long as the bar was seen."""
-        (axis,) = Edge(self.point, self.direction).lines(points)
-        x, y, _ = self.frame[1].T
-        return [axis + self.radius * out for out in (x, y, -x, -y)]
+        around = circle_around(self.point, self.direction, self.radius, 5)[:4]
+        return [Edge(place, self.direction).lines(points)[0] for place in around]
 
     def arc(
         self, rotation: ndarray, origin: ndarray, reach_deg: float, count: int
@@ -130,9 +123,7 @@ class Rod(Round):
         generators, by angles about its axis to either side of the one that faces the
         scanner.
         """
+        corners = self.radius * fan(reach_deg, count)
+        axis = Edge(self.point, self.direction)
         z, x = rotation[..., 2], rotation[..., 0]
-        up, aside = up_and_aside(self.direction, z, x)
-        angle = np.radians(np.linspace(-reach_deg, reach_deg, count))[:, None]
-        out = np.cos(angle) * up[:, None] + np.sin(angle) * aside[:, None]
-        generators = Edge(self.point + self.radius * out, self.direction)
-        return generators.meet(rotation[:, None], origin[:, None])
+        return axis.cut(corners, rotation, origin, z, x)

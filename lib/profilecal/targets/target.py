@@ -39,7 +39,7 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import Frames, directions, frame_around, unit
+from profilecal.geometry.poses import Frames, cross, directions, dot, frame_around
 from profilecal.profiles.features import Feature
 from profilecal.profiles.points import Profiles, in_order
 
@@ -51,8 +51,6 @@ Linearised = tuple[list, list, Any]
 Fitted = tuple[ndarray, ndarray, tuple]
 # a target's `lengths`, mm
 Sizes = Sequence[float]
-
-Y = (0.0, 1.0, 0.0)  # across the scan plane, in the sensor frame
 # a stance: z along the sensor's y, y towards the scanner
 ALONG_Y = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 
@@ -68,8 +66,8 @@ class Sight(NamedTuple):
     @property
     def offset(self) -> Components:
         """The points from the origin; y is the same for all points."""
-        (x, z), (cx, cy, cz) = self.points, self.origin
-        return x - cx, -cy, z - cz
+        (x, z), (px, py, pz) = self.points, self.origin
+        return x - px, -py, z - pz
 
 
 class Views(NamedTuple):
@@ -128,7 +126,7 @@ class Target:
     # points that a pose gives; None: any number, each anywhere on a curve
     points: int | None = None
     # residuals of each point
-    rows: int
+    rows: int = 1
     # the operator steers the scan plane through it, and records the pose that this
     # takes
     steered = False
@@ -173,22 +171,18 @@ class Target:
         A sensor frame in each point, along the base's axes, has the point in its
         origin, and the distance is `residual_in_space`.
         """
-        residuals = self.of_origins(self.residual_in_space, np.eye(3), points)
-        return np.linalg.norm(residuals, axis=0)[..., 0, 0]
+        sight = self.sight_from(np.eye(3), points)
+        return np.linalg.norm(self.residual_in_space(sight)[0], axis=0)[:, 0, 0]
 
-    def of_origins(
-        self, residual: Callable, rotation: ndarray, origin: ndarray
-    ) -> list[ndarray]:
-        """Residuals, each (..., points, 1), of the origins of sensor frames
-        (..., 3, 3), (..., 3), as if points were seen there.
+    def sight_from(self, rotation: ndarray, origin: ndarray) -> Sight:
+        """What sensor frames (..., 3, 3), (..., 3) see of it, as if points were seen in
+        their origins; its arrays are (..., 1, 1).
         """
         place, axes = self.frame
-        vectors = (place - origin, *np.moveaxis(axes, -1, 0))
-        seen = (np.moveaxis(np.vecmat(v, rotation), -1, 0) for v in vectors)
-        centre, *directions = (v[..., None, None] for v in seen)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            sight = Sight(centre, directions, 0 * centre[::2], self.measures)
-            return residual(sight)[0]
+        vectors = place - origin, *np.moveaxis(axes, -1, 0)
+        in_sensor = [np.vecmat(vector, rotation) for vector in vectors]
+        place, *axes = (np.moveaxis(v, -1, 0)[..., None, None] for v in in_sensor)
+        return Sight(place, axes, 0 * place[:2], self.measures)
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """Polylines (n, 3) that draw it, as far as it was seen at points (k, 3)."""
@@ -214,7 +208,7 @@ class Target:
         scanner's software keeps the rows of missing points, and how it sorts, makes no
         difference.
         """
-        rows = [in_order(profile) for profile in profiles]
+        rows = [*map(in_order, profiles)]
         seen = [profile[own] for profile, own in zip(profiles, rows, strict=True)]
         features = cls.finder(seen, *sizes)
         return [
@@ -229,17 +223,16 @@ class Target:
         That is minus the `residual` of points in the sensor's origin. A target with any
         number of points has none, or what its table of a folder holds.
         """
-        x, z, *_ = self.of_origins(self.residual, rotation, origin)
-        met = -np.concatenate([x, z], axis=-1)
-        return met if self.points != 1 else met[..., 0, :]
+        x, z, *_ = self.residual(self.sight_from(rotation, origin))[0]
+        places = -np.concatenate([x, z], axis=-1)
+        return places if self.points != 1 else places[..., 0, :]
 
     def points_seen(self, rotation: ndarray, origin: ndarray, count: int) -> ndarray:
         """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees, (P, m, 2):
         `count` points of a curve. Usually the points in which the scan planes `meet`
         it.
         """
-        met = self.meet(rotation, origin)
-        return met if met.ndim > 2 else met[:, None]
+        return self.meet(rotation, origin).reshape(len(origin), -1, 2)
 
     def sides(self, rotation: ndarray, origin: ndarray) -> ndarray:
         """The `side` (P,) that a scan folder states for scan planes (P, 3, 3), (P, 3);
@@ -267,7 +260,7 @@ class Target:
     @property
     def across_mm(self) -> float:
         """How far to either side sweeps go: half of its first length, if it has one."""
-        return self.measures[0] / 2 if self.measures else 20.0
+        return self.measures[0] / 2 if self.lengths else 20.0
 
     def outline(
         self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray
@@ -288,35 +281,48 @@ class Target:
         return radius * directions(rng, views.shape)
 
 
-def up_and_aside(
-    direction: ndarray, away: ndarray, x: ndarray
-) -> tuple[ndarray, ndarray]:
-    """Unit vectors square to a direction (3,): against `away` (..., 3), which points
-    away from the scanner; and to the side of x (..., 3).
+def distances_in_space(
+    offset: Components, *distances: tuple[ndarray, Components]
+) -> Linearised:
+    """What `Target.residual_in_space` returns of distances, each with the unit vector
+    along which it grows when the point, at an `offset` from the target's origin, moves.
+
+    A shift of the target moves the point the other way, as the target sees it. So does
+    a turn ω, by -ω × v where the offset is v, which changes a distance that grows along
+    e by -e · (ω × v) = ω · (v × -e).
     """
-    up = unit((away @ direction)[..., None] * direction - away)
-    aside = np.cross(up, direction)
-    return up, aside * np.sign(np.vecdot(aside, x))[..., None]
+    forces = [[-part for part in along] for _, along in distances]
+    torques = [cross(offset, force) for force in forces]
+    return [distance for distance, _ in distances], forces, torques
 
 
 def in_scan_plane(
-    in_space: Linearised, ey_by_shift: Components, ey_by_turn: Components
+    in_space: Linearised, offset: Components, bend: Components = (0.0, 0.0, 0.0)
 ) -> Linearised:
     """What `Target.residual` returns of a distance in space, mm, taken within the scan
     plane, to first order.
 
-    The distance f grows by one along the unit vector e, and by h within the scan plane,
-    where h² = ex² + ez² = 1 - ey². The residual is f / h, its derivative
-    df / h + (f ey / h³) dey. Its force, which is -e, and its torque are what a shift
-    and a turn of the target change in f; beside them is what they change in ey, by
-    components.
+    The distance f grows by one along the unit vector e = -F, F the force, and by h
+    within the scan plane, where h² = ex² + ez² = 1 - Fy². The residual is f / h, and
+    its derivative df / h - k dey with k = f Fy / h³.
+
+    A point at an `offset` v from the target's origin that moves by m changes f by e · m
+    and ey by j · m, j the `bend` of the target: zero where e is the same everywhere. A
+    shift of the target moves the point the other way, as the target sees it, which has
+    the force G = F / h + k j. A turn ω moves it by -ω × v, and it turns e, by which ey
+    grows by Y · (ω × e) = -ω · (F × Y). The torque is
+
+        v × G + k (F × Y),    F × Y = (-Fz, 0, Fx).
     """
-    (distance,), (force,), (torque,) = in_space
-    h = np.sqrt(np.maximum(force[0] ** 2 + force[2] ** 2, 1e-12))
-    by_ey = -distance * force[1] / h**3
+    (distance,), (force,), _ = in_space
+    Fx, Fy, Fz = force
+    h = np.sqrt(1 - Fy * Fy)
+    k = distance * Fy / h**3
+    force = [part / h + k * by_bend for part, by_bend in zip(force, bend, strict=True)]
+    x, y, z = cross(offset, force)
+    return [distance / h], [force], [[x - k * Fz, y, z + k * Fx]]
 
-    def within(df: Components, dey: Components) -> list[ndarray]:
-        return [f / h + by_ey * ey for f, ey in zip(df, dey, strict=True)]
 
-    by_shift, by_turn = within(force, ey_by_shift), within(torque, ey_by_turn)
-    return [distance / h], [by_shift], [by_turn]
+def length_of(vector: Components) -> ndarray:
+    """The length of vectors by their components."""
+    return np.sqrt(dot(vector, vector))
