@@ -160,12 +160,13 @@ def solve_disk(
     for k in np.flatnonzero(np.isnan(D_i).any(axis=1)):
         name = name_of(motions[k])
         raise ValueError(f"the tips at {name} are on no ellipse; expected a disk's")
-    check_line(
-        D_i,
-        f"the {len(scans)} motions are parallel in the sensor frame",
-        "the rotation about them stays open; add one in another direction of it",
-    )
     found = solve_scans(R_tcp, scans)
+    for frame, motion in (("sensor", D_i), ("flange", found.rotation.Y.T)):
+        check_line(
+            motion,
+            f"the {len(scans)} motions are parallel in the {frame} frame",
+            "the rotation about them stays open; add one in another direction of it",
+        )
     hint = ", is this the disk's radius, and does R_sensor_guess say the right way"
     check_fit(**vars(found.rotation), accuracy=found.translation.accuracy, also=hint)
     return found
