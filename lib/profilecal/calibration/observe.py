@@ -118,11 +118,12 @@ def curve_points(features: Sequence[Feature]) -> tuple[ndarray, ndarray]:
     """
     most = max((len(feature.points) for feature in features), default=1)
     points = np.full((len(features), most, 2), np.nan)
-    variance = np.ones((len(features), most))
+    variance = np.empty((len(features), most))
     for own_points, own, feature in zip(points, variance, features, strict=True):
         m = len(feature.points)
         own_points[:m] = feature.points
         own[:m] = np.trace(feature.covariance, axis1=1, axis2=2) / 2 + LEAST_NOISE_MM**2
+        own[m:] = own[:m].mean()  # `typical_mm` is a mean of all
     return points, variance
 
 

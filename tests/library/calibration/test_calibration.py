@@ -54,6 +54,11 @@ def test_features_of_different_precision_are_weighed():
     assert kinds == ["edge", "ball"]
 
 
+def test_the_noise_of_short_arcs_is_that_of_their_points():
+    scan = scan_of("ball", seed=1, measured="profiles", scanner={"points": 70})
+    assert observe(scan).typical_mm == pytest.approx(0.06, rel=0.2)
+
+
 def test_where_the_view_ends_few_profiles_know_by_another_scan():
     """Of disks before nothing, the tips of eight chords outline all that is seen."""
     profiles, tips = disks(default_rng(2), 28, None)
