@@ -3,6 +3,7 @@ simulated noisy arcs.
 """
 
 from dataclasses import dataclass
+from itertools import combinations_with_replacement as pairs_of
 
 import numpy as np
 from numpy import ndarray
@@ -179,9 +180,8 @@ def noisy_circles(
     zero, one = np.zeros_like(x), np.ones_like(x)
     # by powers of ε
     X, Z, W = (x, zero, zero), (z, one, zero), (x * x + z * z, 2 * z, one)
-    pairs = (X, X), (X, Z), (Z, Z), (W, X), (W, Z), (W, W)
     factors = np.zeros((5, 6, len(x)))
-    for k, (first, second) in enumerate(pairs):
+    for k, (first, second) in enumerate(pairs_of((W, X, Z), 2)):
         for i, j in np.ndindex(3, 3):
             factors[i + j, k] += first[i] * second[j]
     means = np.empty((5, 6, size))

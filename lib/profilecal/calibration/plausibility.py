@@ -22,6 +22,7 @@ from profilecal.geometry.observability import (
     HAND_PRECISION,
     WEAK,
     brief,
+    how_far,
     of_covariance,
 )
 from profilecal.joint.first_fit import largest_error_mm
@@ -154,7 +155,8 @@ def moved(words: list[str], single: list[Evidence], without: ndarray) -> list[st
     best = int(np.argmax(with_one))
     if with_one[best] - without.max() < np.log(count / FALSE_ALARM):
         return []
-    return [words[best % count].replace("{}", how_far(single[best].likeliest * UNIT))]
+    moved = " and ".join(how_far(single[best].likeliest * UNIT))
+    return [words[best % count].replace("{}", moved)]
 
 
 def robot_patterns(problem: Problem) -> list[Perturbation]:
@@ -272,17 +274,12 @@ def accusation(guilty: list[Finding]) -> str:
     """What the residuals look like, and what the clearest of it would do."""
     clearest = guilty[0]
     causes = ", or as if ".join(one.words for one in guilty[:4])
+    far = " and ".join(how_far(clearest.moves))
     remedy = "the covariance is enlarged to match"
     if max(one.not_allowed_for for one in guilty) < 0.5:
         remedy = ALLOWED
     return (
         f"the residuals look as if {causes} "
         f"({clearest.clear:.0f} standard deviations), "
-        f"which would move the sensor by up to {how_far(clearest.moves)}; {remedy}"
+        f"which would move the sensor by up to {far}; {remedy}"
     )
-
-
-def how_far(delta: ndarray) -> str:
-    """The shift and the turn of δ (6,), mm and rad, in words."""
-    shift, turn = np.linalg.norm(delta.reshape(2, 3), axis=1)
-    return f"{brief(shift)} mm and {brief(np.degrees(turn))}°"

@@ -2,6 +2,8 @@
 what was expected.
 """
 
+from itertools import zip_longest
+
 import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike
@@ -34,18 +36,22 @@ def check_array(
     instead, or with the first entry that is not finite, unless it may be.
     """
     try:
-        array: ndarray = np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)
+        array = np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} is no array of numbers: {error}") from error
-    fits = array.ndim == len(shape) and all(
-        length in (None, n) for length, n in zip(shape, array.shape, strict=True)
-    )
-    if not fits:
+        raise ValueError(f"{name} is no array of numbers: {error}") from None
+    # the lengths that are free, as they are
+    lengths = [
+        n if k is None else k for k, n in zip_longest(shape, array.shape, fillvalue=-1)
+    ]
+    if array.shape != (*lengths,):
         expected = str(shape).replace("None", "n")
         raise ValueError(f"{name} has shape {array.shape}; expected {expected}")
-    for place in np.argwhere(~np.isfinite(array) & finite):
-        value = array[tuple(place)]
-        raise ValueError(f"{name}{place.tolist()} is {value}; expected finite numbers")
+    if finite:
+        for place in np.argwhere(~np.isfinite(array)):
+            value = array[tuple(place)]
+            raise ValueError(
+                f"{name}{place.tolist()} is {value}; expected finite numbers"
+            )
     return array
 
 
@@ -56,24 +62,24 @@ def check_type(name: str, value: object, *kinds: type) -> None:
         raise TypeError(f"{name} is a {type(value).__name__}; expected a {expected}")
 
 
-def check_rotations(name: str, values: ArrayLike, count: int) -> ndarray:
+def check_rotations(name: str, values: ArrayLike, count: int | None) -> ndarray:
     """Return `values` as an array (count, 3, 3) of rotations.
 
     Raises ValueError for entries that are not finite, for columns that are not
     orthonormal within 1e-3, and for a reflection.
     """
-    array = check_array(name, values, (count, 3, 3))
-    excess = np.abs(array @ array.mT - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    R = check_array(name, values, (count, 3, 3))
+    excess = np.abs(R @ R.mT - np.eye(3)).max(axis=(1, 2))
     for k in np.flatnonzero(excess > ORTHONORMAL_TOLERANCE):
         raise ValueError(
             f"{name}[{k}] is not orthonormal: R Rᵀ differs from the identity by "
             f"{excess[k]:.2g}; expected at most {ORTHONORMAL_TOLERANCE:g}"
         )
-    for k in np.flatnonzero(np.linalg.det(array) < 0):
+    for k in np.flatnonzero(np.linalg.det(R) < 0):
         raise ValueError(
             f"{name}[{k}] is a reflection (determinant -1); expected a rotation (+1)"
         )
-    return array
+    return R
 
 
 def check_count(name: str, count: int, least: int, why: str) -> None:
@@ -88,14 +94,13 @@ def check_rigid(name: str, values: ArrayLike) -> ndarray:
     """Return `values` as an array (n, 4, 4) of rigid transforms. Raises ValueError for
     another shape, a last row that is not 0, 0, 0, 1, and what is no rotation.
     """
-    array = check_array(name, values, (None, 4, 4))
-    for k in np.flatnonzero((array[:, 3] != [0, 0, 0, 1]).any(axis=1)):
+    T = check_array(name, values, (None, 4, 4))
+    for k in np.flatnonzero((T[:, 3] != [0, 0, 0, 1]).any(axis=1)):
         raise ValueError(
-            f"the last row of {name}[{k}] is {array[k, 3].tolist()}; "
-            "expected [0, 0, 0, 1]"
+            f"the last row of {name}[{k}] is {T[k, 3].tolist()}; expected [0, 0, 0, 1]"
         )
-    check_rotations(name, array[:, :3, :3], len(array))
-    return array
+    check_rotations(name, T[:, :3, :3], None)
+    return T
 
 
 def check_positions(name: str, values: ArrayLike, count: int | None = None) -> ndarray:
@@ -118,12 +123,13 @@ def check_readings(
     Raises ValueError where the largest is outside the limits, those of a scanner's
     range, nor zero: then they are in another unit.
     """
-    readings = check_array(name, values, shape, finite)
+    array = check_array(name, values, shape, finite)
+    # of those that are there
+    largest = np.fmax.reduce(np.abs(array), axis=None, initial=0)
     low, high = limits
-    largest = np.nanmax(np.abs(readings), initial=0.0)
     if largest and not low <= largest <= high:
         raise ValueError(
             f"the largest value of {name} is {largest:.3g}; "
             f"expected {low:g} to {high:g}, in mm: are the units right?"
         )
-    return readings
+    return array

@@ -8,17 +8,19 @@ solves one scalar equation (`_secular`): no `eig`.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations_with_replacement as pairs_of
 
 import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike
 
-from profilecal.geometry.poses import carry
-
 ROUNDS = 60  # Newton's steps at most; four or five are usual
 # a step this small, as a fraction of the eigenvalue's scale, is rounding: the next
 # would be its square
 SETTLED = 1e-14
+GIVING_NAN = np.errstate(divide="ignore", invalid="ignore")  # not warnings
+# of x and z; their products have the moments of the fourth order and less
+MONOMIALS = (0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)
 
 
 def from_components(*components: ndarray) -> ndarray:
@@ -40,6 +42,7 @@ class Ellipse:
     shape: ndarray  # (..., 2, 2), its eigenvalues are the squares of the semi-axes
 
 
+@GIVING_NAN
 def fit_ellipse(points: ndarray) -> Ellipse:
     """The ellipse-specific direct fit to points (..., k, 2), k ≥ 5.
 
@@ -47,88 +50,78 @@ def fit_ellipse(points: ndarray) -> Ellipse:
     changes the fit, so the points are first given zero mean and unit spread. Repeated
     points give NaN.
     """
-    mean = points.mean(axis=-2, keepdims=True)
+    middle = middle_of(points)
     spread = points.std(axis=-2, keepdims=True)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x, z = np.moveaxis((points - mean) / spread, -1, 0)
-        unit = ellipse_from_moments(moments(x, z))
-    return transformed(unit, spread * np.eye(2), mean[..., 0, :])
-
-
-# of x and z; their products have the moments of the fourth order and less
-MONOMIALS = (0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)
+    x, z = np.moveaxis((points - middle) / spread, -1, 0)
+    ellipse = ellipse_from_moments(moments(x, z))
+    return transformed(ellipse, spread * np.eye(2), middle[..., 0, :])
 
 
 def moments(x: ndarray, z: ndarray) -> ndarray:
     """The means (6, 6, ...) of products of `MONOMIALS`, over x and z (..., k)."""
-    values = np.stack([np.ones_like(x), x, z, x * x, x * z, z * z], axis=-2)
-    return np.moveaxis(values @ values.mT, (-2, -1), (0, 1)) / x.shape[-1]
+    rows = np.stack([np.ones_like(x), x, z, x * x, x * z, z * z], axis=-2)
+    return np.moveaxis(rows @ rows.mT, (-2, -1), (0, 1)) / x.shape[-1]
 
 
 def transformed(ellipse: Ellipse, map_: ndarray, shift: ndarray) -> Ellipse:
     """The ellipse after p ↦ map_ p + shift: map_ (..., 2, 2) and shift (..., 2)."""
-    centre = carry(map_, shift, ellipse.centre)
+    centre = np.matvec(map_, ellipse.centre) + shift
     return Ellipse(centre, map_ @ ellipse.shape @ map_.mT)
 
 
+@GIVING_NAN
 def ellipse_from_moments(mean: ndarray) -> Ellipse:
     """The ellipse-specific direct fit from `moments` (6, 6, ...).
 
     Minimises ⟨(A x² + B xz + C z² + D x + E z + F)²⟩ with 4AC - B² = 4. The linear
     coefficients follow from the quadratic ones; these are a multiple of A, C = 1 ± β
     and B = 2γ, for which the constraint holds 1 - β² - γ² fixed.
+
+    With the conic as (p - c)ᵀ Q (p - c) = level, Q has the rows (A, B / 2) and
+    (B / 2, C), its determinant is 1 - β² - γ², the centre c is -Q⁻¹ (D, E) / 2, and the
+    level is -F - c·(D, E) / 2.
     """
-    first = mean[0, 1:]
-    covariance = mean[1:, 1:] - first[:, None] * first
-    (xx, xz), (_, zz) = covariance[:2, :2]
-    crossed = covariance[:2, 2:]
-    inverse = np.array([[zz, -xz], [-xz, xx]]) / (xx * zz - xz * xz)
-    # D and E take these multiples of -A, -B and -C
-    slopes = np.einsum("ij...,jk...->ik...", inverse, crossed)
-    explained = np.einsum("ij...,ik...->jk...", crossed, slopes)
-    unexplained = covariance[2:, 2:] - explained
-    # A, B and C by 1, β and γ
-    basis = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 2.0], [1.0, -1.0, 0.0]])
-    half = np.tensordot(basis.T, unexplained, 1)
-    reduced = np.tensordot(basis.T, np.swapaxes(half, 0, 1), 1)
-    beta, gamma = _secular(reduced[np.triu_indices(3)], sign=1)
-
-    A = 1 + beta
-    B = 2 * gamma
-    C = 1 - beta
-    D, E = -np.einsum("ij...,j...->i...", slopes, np.array([A, B, C]))
-    determinant = 4 * A * C - B * B
-    x = (B * E - 2 * C * D) / determinant
-    z = (B * D - 2 * A * E) / determinant
-    minus_F = np.einsum("i...,i...", np.array([D, E, A, B, C]), first)
-    scale = 2 * (minus_F - (D * x + E * z) / 2) / determinant
-    shape = from_components(2 * scale * C, -scale * B, -scale * B, 2 * scale * A)
-    return Ellipse(from_components(x, z), shape.reshape(*shape.shape[:-1], 2, 2))
+    # Gauss and Jordan's elimination of F, D and E
+    mean = mean.copy()
+    for k in range(3):
+        pivot = mean[k] / mean[k, k]
+        mean -= mean[:, k, None] * pivot
+        mean[k] = pivot
+    linear, ((aa, ab, ac), (_, bb, bc), (_, _, cc)) = mean[:3, 3:], mean[3:, 3:]
+    of_one = aa + 2 * ac + cc, aa - cc, 2 * (ab + bc)
+    beta, gamma = _secular((*of_one, aa - 2 * ac + cc, 2 * (ab - bc), 4 * bb), 1)
+    conic = np.stack([1 + beta, 2 * gamma, 1 - beta])
+    F, D, E = -(linear * conic).sum(axis=1)
+    inverse = np.array([[1 - beta, -gamma], [-gamma, 1 + beta]])
+    inverse /= 1 - beta**2 - gamma**2
+    x, z = -(inverse * [D, E]).sum(axis=1) / 2
+    shape = inverse * (-F - (D * x + E * z) / 2)
+    return Ellipse(from_components(x, z), np.moveaxis(shape, (0, 1), (-2, -1)))
 
 
-def _secular(
-    entries: Sequence[ndarray] | ndarray, sign: int
-) -> tuple[ndarray, ndarray]:
-    """The v₁, v₂ that minimise vᵀ M v with v₀² - sign (v₁² + v₂²) fixed, v₀ = 1;
-    symmetric M as 00, 01, 02, 11, 12, 22.
+def _secular(M: Sequence[ndarray], sign: int) -> ndarray:
+    """The v₁, v₂ (2, ...) that minimise vᵀ M v with v₀² - sign (v₁² + v₂²) fixed and
+    v₀ = 1; symmetric M as 00, 01, 02, 11, 12, 22.
 
     The eigenvalue λ is a root of g(λ) = M₀₀ - λ - mᵀ (M₁₁ + sign λ I)⁻¹ m, which is
     concave and falls. For sign = 1 Newton's steps from λ = M₀₀, where g ≤ 0, descend to
     the positive root; for -1 from λ = 0 to the smallest.
+
+    The inverse times -m is v, so that g = M₀₀ - λ + m·v and g' = sign v·v - 1.
     """
-    pp, pq, pt, qq, qt, tt = entries
-    value = pp if sign > 0 else np.zeros_like(pp)
+    m00, m01, m02, m11, m12, m22 = M
+    value, rounding = m00 * (sign > 0), SETTLED * (m00 + m11 + m22)
     for _ in range(ROUNDS):
-        first = qq + sign * value
-        second = tt + sign * value
-        determinant = first * second - qt * qt
-        q = (qt * pt - second * pq) / determinant
-        t = (qt * pq - first * pt) / determinant
-        step = (pp - value + pq * q + pt * t) / (1 - sign * (q * q + t * t))
+        a, c = m11 + sign * value, m22 + sign * value
+        det = a * c - m12**2
+        v1 = (m12 * m02 - c * m01) / det
+        v2 = (m12 * m01 - a * m02) / det
+        g = m00 - value + m01 * v1 + m02 * v2
+        step = g / (1 - sign * (v1**2 + v2**2))
         value = value + step
-        if not (np.abs(step) > SETTLED * pp).any():
+        if not (np.abs(step) > rounding).any():
             break
-    return q, t
+    return np.stack([v1, v2])
 
 
 def fit_circle(points: ndarray) -> ndarray:
@@ -137,32 +130,29 @@ def fit_circle(points: ndarray) -> ndarray:
     It minimises ⟨d²⟩/⟨|∇d|²⟩ of the algebraic distance d; ⟨d²⟩ alone makes circles too
     small on noisy arcs. Points on one line or repeated give NaN.
     """
-    mean = points.mean(axis=-2)
-    x, z = np.moveaxis(points - mean[..., None, :], -1, 0)
-    w = x * x + z * z
-    pairs = (x, x), (x, z), (z, z), (w, x), (w, z), (w, w)
-    means = [np.vecdot(*pair) / x.shape[-1] for pair in pairs]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        circle = circle_from_moments(means)
-    circle[..., :2] += mean
+    middle = middle_of(points)
+    x, z = np.moveaxis(points - middle, -1, 0)
+    pairs = pairs_of((x * x + z * z, x, z), 2)
+    circle = circle_from_moments([np.vecdot(*pair) / x.shape[-1] for pair in pairs])
+    circle[..., :2] += middle[..., 0, :]
     return circle
 
 
+@GIVING_NAN
 def circle_from_moments(means: Sequence[ndarray] | ndarray) -> ndarray:
-    """As `fit_circle`, from the means of xx, xz, zz, wx, wz and ww about the centroid,
+    """As `fit_circle`, from the means of ww, wx, wz, xx, xz and zz about the centroid,
     where w = x² + z².
 
     The distance is (w - ⟨w⟩) + B x + C z, with 4⟨w⟩ + B² + C² fixed: all weights are 1
-    once the first term is divided by 2√⟨w⟩.
+    once the first term is divided by 2√⟨w⟩. The centre is -(B, C) / 2, and r² is ⟨w⟩
+    and the square of the centre.
     """
-    xx, xz, zz, wx, wz, ww = means
+    ww, wx, wz, xx, xz, zz = means
     w = xx + zz
-    unit = 2 * np.sqrt(w)
-    entries = (ww - w * w) / unit**2, wx / unit, wz / unit, xx, xz, zz
-    beta, gamma = _secular(entries, sign=-1)
-    B = unit * beta
-    C = unit * gamma
-    return np.stack([-B / 2, -C / 2, np.sqrt(w + (B * B + C * C) / 4)], axis=-1)
+    size = 2 * np.sqrt(w)
+    M = (ww - w**2) / size**2, wx / size, wz / size, xx, xz, zz
+    x, z = -size / 2 * _secular(M, -1)
+    return from_components(x, z, np.sqrt(w + x**2 + z**2))
 
 
 def fit_sphere(points: ndarray) -> tuple[ndarray, ndarray]:
@@ -172,11 +162,15 @@ def fit_sphere(points: ndarray) -> tuple[ndarray, ndarray]:
     |p|² = 2 c·p + k by linear least squares (edge paper's ref. [36]). Where the points
     leave the centre open, as those on one circle in space do, it is the nearest to
     their middle.
+
+    From the middle, where Σ p = 0, the normal equations are 2 Σ p pᵀ c = Σ |p|² p and
+    k = ⟨|p|²⟩, which is r² - |c|².
     """
     middle = middle_of(points)
     p = points - middle
     square = np.vecdot(p, p)
-    inverse = np.linalg.pinv(p.mT @ p, 1e-13, hermitian=True)  # rounding is less
+    # an eigenvalue that is a smaller share of the largest is rounding
+    inverse = np.linalg.pinv(p.mT @ p, rcond=1e-13, hermitian=True)
     centre = np.matvec(inverse, np.vecmat(square, p)) / 2
     radius = np.sqrt(square.mean(axis=-1) + np.vecdot(centre, centre))
     return middle[..., 0, :] + centre, radius
@@ -200,8 +194,8 @@ def with_sign(axes: ndarray) -> ndarray:
     """Vectors (..., n) or their opposites, whichever has its largest component
     positive: the sign that a decomposition gives them differs between processors.
     """
-    highest, lowest = axes.max(axis=-1), axes.min(axis=-1)
-    return np.where((highest < -lowest)[..., None], -axes, axes)
+    high, low = axes.max(axis=-1, keepdims=True), axes.min(axis=-1, keepdims=True)
+    return np.where(high < -low, -axes, axes)
 
 
 def affine_residuals(
@@ -213,13 +207,11 @@ def affine_residuals(
     such a function of the flange position, whatever the calibration: what is left is
     noise. Values that are not `present` (..., n) are left out: zero is left of them.
     """
-    weight = np.broadcast_to(present, positions.shape[:-1])[..., None]
-    share = weight / weight.sum(axis=-2, keepdims=True)
-    offsets, residuals = (
-        weight * (x - (share * x).sum(axis=-2, keepdims=True))
-        for x in (positions, values)
-    )
-    offsets[np.abs(offsets) < 1e-9] = 0  # mm: rounding
-    # an arc leaves its plane, a line itself, by less than a thousandth
+    weight = np.broadcast_to(present, values.shape[:-1])[..., None]
+    share = (weight / weight.sum(axis=-2, keepdims=True)).mT
+    offsets = weight * (positions - share @ positions)
+    offsets *= np.abs(offsets) > 1e-9  # mm: what is less is rounding
+    residuals = weight * (values - share @ values)
+    # it has no slope along less than a thousandth of the positions' largest extent
     slopes = np.linalg.pinv(offsets, rcond=1e-3) @ residuals
     return residuals - offsets @ slopes

@@ -30,52 +30,45 @@ class Log:
     p: ndarray  # (L, 3) mm
 
     @cached_property
-    def ends(self) -> ndarray:
+    def pieces(self) -> tuple[ndarray, CubicSpline, RotationSpline]:
         """The first and the last rows (2, K) of pieces without a gap that have two or
-        more.
+        more, and splines of the position and of the orientation: each piece's own, in
+        one; what they say in gaps is of no use.
         """
         steps = np.diff(self.t)
-        cuts = np.flatnonzero(steps > GAP * np.median(steps)) + 1
-        ends = np.array([np.r_[0, cuts], np.r_[cuts, len(self.t)] - 1])
-        return ends[:, ends[0] < ends[1]]
+        near = steps <= GAP * np.median(steps)
+        # steps begin to be near at one row, and cease at another
+        ends = np.diff(near, prepend=False, append=False).nonzero()[0].reshape(-1, 2)
+        place, orientation = self._along(slice(None))
+        for first, last in ends:
+            own = self._along(slice(first, last + 1))
+            place.c[:, first:last] = own[0].c
+            orientation.interpolator.c[:, first:last] = own[1].interpolator.c
+        return ends.T, place, orientation
 
-    @cached_property
-    def splines(self) -> tuple[CubicSpline, RotationSpline]:
-        """Of the position and of the orientation: each piece's own, in one; what they
-        say in gaps is of no use.
-        """
-
-        def through(rows: slice) -> tuple[CubicSpline, RotationSpline]:
-            t, R = self.t[rows], Rotation.from_matrix(self.R[rows])
-            return CubicSpline(t, self.p[rows]), RotationSpline(t, R)
-
-        of_position, of_rotation = through(slice(None))
-        for first, last in self.ends.T:
-            p, R = through(slice(first, last + 1))
-            of_position.c[:, first:last] = p.c
-            of_rotation.interpolator.c[:, first:last] = R.interpolator.c
-        return of_position, of_rotation
+    def _along(self, rows: slice) -> tuple[CubicSpline, RotationSpline]:
+        """Through some rows alone."""
+        t, R = self.t[rows], Rotation.from_matrix(self.R[rows])
+        return CubicSpline(t, self.p[rows]), RotationSpline(t, R)
 
     def away(self, times: ndarray) -> ndarray:
         """How far times (P,) are from the nearest row, (P,) s."""
-        after = np.searchsorted(self.t, times).clip(1, len(self.t) - 1)
-        near = self.t[[after - 1, after]]
-        return np.abs(near - times).min(axis=0)
+        nearest = np.searchsorted((self.t[:-1] + self.t[1:]) / 2, times)
+        return np.abs(times - self.t[nearest])
 
     def at(self, times: ndarray) -> tuple[ndarray, ndarray, ndarray]:
         """Where the flange is at times (P,): R (P, 3, 3), p (P, 3) mm, and its twist
         (P, 6), the velocity in mm/s and the angular velocity in rad/s, both along the
         base's axes.
         """
-        first, last = self.t[self.ends]
-        piece = np.searchsorted((last[:-1] + first[1:]) / 2, times)
-        before = np.nextafter(last, first)[piece]  # from its last row on, a gap
-        inside = np.clip(times, first[piece], before)
+        ends, place, orientation = self.pieces
+        first, last = self.t[ends]
+        nearest = np.searchsorted((last[:-1] + first[1:]) / 2, times)
+        # at the last row itself begins the gap
+        last = np.nextafter(last, first)
+        inside = np.clip(times, first[nearest], last[nearest])
         beyond = (times - inside)[:, None]
-        of_position, of_rotation = self.splines
-        R = of_rotation(inside).as_matrix()
-        v = of_position(inside, 1)
-        # scipy's angular velocity is along the flange's axes
-        w = np.matvec(R, of_rotation(inside, 1))
-        p = of_position(inside) + v * beyond
-        return rotations(w * beyond) @ R, p, np.hstack([v, w])
+        turn = orientation(inside).as_matrix()
+        velocity, spin = place(inside, 1), np.matvec(turn, orientation(inside, 1))
+        p = place(inside) + beyond * velocity
+        return rotations(beyond * spin) @ turn, p, np.hstack([velocity, spin])

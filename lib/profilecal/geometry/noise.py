@@ -8,17 +8,30 @@ import numpy as np
 from numpy import ndarray
 from scipy.special import chdtri
 
-# the chance that one kind of test doubts anything at all of a good scan
-FALSE_ALARM = 0.01
 
-
-def is_sd(value: Any) -> bool:
+def is_sd(value: object) -> bool:
     """Whether this is a standard deviation: one that is there is no rounding error."""
     is_number = isinstance(value, Real) and not isinstance(value, bool)
     return is_number and (value == 0 or 1e-6 <= value <= 100)
 
 
+# the chance that one kind of test doubts anything at all of a good scan
+FALSE_ALARM = 0.01
 Sd = Annotated[float, (is_sd, "zero, or 1e-06 to 100")]
+# the robot's: fresh at each visit, at each commanded pose, at each orientation
+ROBOT = (
+    "repeatability_mm",
+    "repeatability_deg",
+    "position_mm",
+    "orientation_deg",
+    "group_position_mm",
+    "group_orientation_deg",
+)
+# by how much an error of such a unit shifts and turns the flange, mm and rad
+UNITS = {"mm": (1, 0), "deg": (0, np.radians(1)), "ms": (0, 0)}
+SMOOTH = "accuracy_mm"  # varies smoothly with the pose; that of orientations with it
+# all whose sizes the residuals tell, but for the scanner's noise
+ESTIMATED = (*ROBOT, "jitter_ms", SMOOTH)
 
 
 @dataclass(frozen=True)
@@ -52,30 +65,15 @@ class Noise:
     @property
     def of_robot(self) -> dict[str, float]:
         """The errors of the robot that are not zero, by name."""
-        return {name: getattr(self, name) for name in ROBOT if getattr(self, name)}
+        return {name: sd for name in ROBOT if (sd := getattr(self, name))}
 
     def of_sizes(self, sizes: dict[str, float]) -> "Noise":
         """With errors of these sizes, and the smooth ones of both kinds in the same
         proportion as before.
         """
-        share = sizes.get(SMOOTH, self.accuracy_mm) / (self.accuracy_mm or 1.0)
-        return replace(self, **sizes, accuracy_deg=share * self.accuracy_deg)
-
-
-# the robot's: fresh at each visit, at each commanded pose, at each orientation
-ROBOT = (
-    "repeatability_mm",
-    "repeatability_deg",
-    "position_mm",
-    "orientation_deg",
-    "group_position_mm",
-    "group_orientation_deg",
-)
-# by how much an error of such a unit shifts and turns the flange, mm and rad
-UNITS = {"mm": (1, 0), "deg": (0, np.radians(1)), "ms": (0, 0)}
-SMOOTH = "accuracy_mm"  # varies smoothly with the pose; that of orientations with it
-# all whose sizes the residuals tell, but for the scanner's noise
-ESTIMATED = (*ROBOT, "jitter_ms", SMOOTH)
+        sized = replace(self, **sizes)
+        turn = self.accuracy_deg * sized.accuracy_mm / (self.accuracy_mm or 1)
+        return replace(sized, accuracy_deg=turn)
 
 
 @dataclass(frozen=True)
@@ -95,7 +93,7 @@ def by_unit(name: str) -> ndarray:
     """The shift and the turn (6,) of the flange, mm and rad, of which an entry of
     `Noise` counts so many.
     """
-    return np.repeat(UNITS[name.rsplit("_")[-1]], 3)
+    return np.repeat(UNITS[name.split("_")[-1]], 3)
 
 
 def in_mm(name: str) -> float:
@@ -118,5 +116,4 @@ def normalised_square(covariance: ndarray, error: ndarray) -> ndarray:
 
     Follows χ² with n degrees of freedom where the covariances are honest.
     """
-    weighted = np.linalg.solve(covariance, error[..., None])[..., 0]
-    return np.vecdot(error, weighted)
+    return np.vecdot(error, np.linalg.solve(covariance, error[..., None])[..., 0])

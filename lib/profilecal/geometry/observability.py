@@ -11,7 +11,7 @@ parameters one unit, so that millimetres and degrees compare, and it says what
 - ok otherwise.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,18 +19,16 @@ from numpy import ndarray
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from profilecal.geometry.poses import unit
+
 WEAK = 0.1  # of the measurement by hand
 LEAST_TURN_DEG = 1.0  # flange orientations that differ by less are taken for one
 HAND_PRECISION = np.repeat([10.0, np.radians(5.0)], 3)  # mm and rad
-
-
-def units_by_hand(targets: Sequence) -> ndarray:
-    """What one would know by hand of the sensor pose, then of each target's free shifts
-    and turns, (n,) mm and rad.
-    """
-    by_hand = HAND_PRECISION[[0, 3]]
-    of_targets = [np.repeat(by_hand, [len(t.shifts), len(t.turns)]) for t in targets]
-    return np.concatenate([HAND_PRECISION, *of_targets])
+NO_RANK = 1e-10  # of the largest eigenvalue of the information
+OPEN = 10.0  # of the measurement by hand: a size that is no longer told
+ENOUGH_TURN_DEG = 10.0  # about the axes beside the main one
+ALONG = np.cos(np.radians(15))  # of a unit vector along an axis
+MATTERS = 0.2  # of the square of a direction: a part that is told
 
 
 @dataclass(frozen=True)
@@ -51,21 +49,21 @@ class Spectrum:
     def status(self) -> ndarray:
         """ "ok", "weak" or "unobservable", (...)."""
         worst = self.sd[..., 0]
-        unobservable = (self.rank < self.parameters) | ~(worst < 1)
         known = np.where(worst < WEAK, "ok", "weak")
-        return np.where(unobservable, "unobservable", known)
+        is_known = (worst < 1) & (self.rank >= self.parameters)
+        return np.where(is_known, known, "unobservable")
 
 
 def spectrum(information: ndarray, units: ndarray) -> Spectrum:
     """Of information matrices (..., n, n), the sensor pose first; `units` (n,) are
     known by hand, mm and rad.
     """
-    in_units = information * units[:, None] * units
-    values, vectors = np.linalg.eigh(in_units)
+    values, vectors = np.linalg.eigh(units[:, None] * information * units)
     largest = values[..., -1:]
-    rank = (values > 1e-10 * largest).sum(axis=-1)
-    variances = 1 / np.maximum(values, 1e-14 * largest)
+    rank = (values > NO_RANK * largest).sum(axis=-1)
     pose = HAND_PRECISION[:, None] * vectors[..., :6, :]
+    # smaller eigenvalues are rounding
+    variances = 1 / np.maximum(values, 1e-14 * largest)
     covariance = (pose * variances[..., None, :]) @ pose.mT
     return of_covariance(covariance, rank, len(units))
 
@@ -77,10 +75,9 @@ def of_covariance(
     behind them.
     """
     in_units = covariance / HAND_PRECISION[:, None] / HAND_PRECISION
-    variances, axes = np.linalg.eigh(in_units)
-    sd = np.sqrt(np.maximum(variances, 0))[..., ::-1]
-    directions = axes.mT[..., ::-1, :]
-    return Spectrum(covariance, sd, directions, rank, parameters)
+    variances, vectors = np.linalg.eigh(in_units)
+    sd = np.sqrt(np.maximum(variances[..., ::-1], 0))
+    return Spectrum(covariance, sd, vectors.mT[..., ::-1, :], rank, parameters)
 
 
 def turns(R_flange: ndarray) -> tuple[ndarray, ndarray]:
@@ -89,21 +86,29 @@ def turns(R_flange: ndarray) -> tuple[ndarray, ndarray]:
     Root mean square angles (3,) in degrees about three axes, largest first, and the
     first of these axes (3,), in the flange's frame.
     """
-    rotations = Rotation.from_matrix(R_flange)
-    turned = (rotations.mean().inv() * rotations).as_rotvec(degrees=True)
-    _, squares, axes = np.linalg.svd(turned.T @ turned / len(turned))
+    R = Rotation.from_matrix(R_flange)
+    off = (R.mean().inv() * R).as_rotvec(degrees=True)
+    _, squares, axes = np.linalg.svd(off.T @ off / len(off))
     return np.sqrt(squares), axes[0]
 
 
 def name_axis(vector: ArrayLike, frame: str) -> str:
     """A direction as people say it: "the flange's z", or by its components."""
-    unit = np.asarray(vector) / np.linalg.norm(vector)
-    k = int(np.argmax(np.abs(unit)))
-    if abs(unit[k]) >= np.cos(np.radians(15)):
+    axis = unit(np.asarray(vector))
+    k = np.abs(axis).argmax()
+    if abs(axis[k]) >= ALONG:
         return f"the {frame}'s {'xyz'[k]}"
-    unit = unit * np.sign(unit[k])
-    components = ", ".join(f"{component + 0.0:.2f}" for component in unit)
+    # a sum with zero is never -0
+    components = ", ".join(f"{c:.2f}" for c in np.sign(axis[k]) * axis + 0.0)
     return f"({components}) in the {frame}'s frame"
+
+
+def of_main_parts(direction: ArrayLike, *words: str) -> str:
+    """Words on the shift, on the turn, or on both, the larger first: on those that
+    matter in a direction (6,).
+    """
+    squares = np.square(direction).reshape(2, 3).sum(axis=1)
+    return " with ".join(words[k] for k in (-squares).argsort() if squares[k] > MATTERS)
 
 
 def name_direction(
@@ -114,11 +119,10 @@ def name_direction(
     """A direction (6,) of the sensor pose in units of the measurement by hand, in the
     frame that the pose is in.
     """
-    words = "translation along", "rotation about"
-    vectors = np.reshape(direction, (2, 3))
-    return " with ".join(
-        f"{words[k]} {name_axis(R_sensor @ vectors[k], frame)}"
-        for k in main_parts(direction)
+    parts = np.reshape(direction, (2, 3)) @ R_sensor.T
+    along, about = (name_axis(part, frame) for part in parts)
+    return of_main_parts(
+        direction, f"translation along {along}", f"rotation about {about}"
     )
 
 
@@ -129,26 +133,52 @@ def brief(value: float) -> str:
 
 def shift_and_turn(mm_deg: Iterable[float], between: str = "and") -> str:
     """Three shifts and three turns (6,) in words, "open" for NaN."""
-    words = ["open" if np.isnan(value) else brief(value) for value in mm_deg]
+    words = ["open" if np.isnan(size) else brief(size) for size in mm_deg]
     return f"{'  '.join(words[:3])} mm along {between} {'  '.join(words[3:])}°"
+
+
+def how_far(delta: ndarray) -> tuple[str, str]:
+    """The shift and the turn of δ (6,), mm and rad, in words."""
+    shift, turn = np.linalg.norm(delta.reshape(2, 3), axis=1)
+    return f"{brief(shift)} mm", f"{brief(np.degrees(turn))}°"
 
 
 def size_direction(sd: float, direction: ndarray) -> str:
     """The shift and the turn that a standard deviation along a direction (6,) consists
     of.
     """
-    vectors = np.reshape(sd * direction * HAND_PRECISION, (2, 3))
-    shift, turn = np.linalg.norm(vectors, axis=1)
-    sizes = f"{brief(shift)} mm", f"{brief(np.degrees(turn))}°"
-    return " with ".join(sizes[k] for k in main_parts(direction))
+    return of_main_parts(direction, *how_far(sd * HAND_PRECISION * direction))
 
 
-def main_parts(direction: ArrayLike) -> list[int]:
-    """Shift (0), turn (1), or both, the larger first: those that matter in a direction
-    (6,).
-    """
-    squares = np.sum(np.reshape(direction, (2, 3)) ** 2, axis=1)
-    return [k for k in np.argsort(-squares) if squares[k] > 0.2]
+def why_open(R_flange: ndarray, frame: str) -> str:
+    """What the flange's orientations (P, 3, 3) lack, and what to add."""
+    angles, axis = turns(R_flange)
+    spread, about_others = np.linalg.norm(angles), np.linalg.norm(angles[1:])
+    if spread < LEAST_TURN_DEG:
+        return (
+            f"all flange orientations agree within {max(spread, 0.01):.2g}°; "
+            "add poses tilted by 15° or more about two axes"
+        )
+    if not about_others < ENOUGH_TURN_DEG:
+        return (
+            "cross the target at other places and in other directions of motion, "
+            "inside each group of poses too"
+        )
+    main, across = name_axis(axis, frame), np.abs(axis)
+    # both others of an axis of the frame, or the one that is most nearly square to it
+    others = "xyz"[across.argmin()] if across.max() < ALONG else {*"xyz"} - {main[-1]}
+    whose = "its" if frame == "flange" else f"the {frame}'s"
+    other = f"{whose} {' or '.join(sorted(others))}"
+    if about_others < LEAST_TURN_DEG:
+        return (
+            f"all rotations are about {main}; "
+            f"tilt the flange about {other} by 15° or more in some poses"
+        )
+    return (
+        f"but for turns about {main}, the orientations differ by only "
+        f"{about_others:.2g}°; tilt the flange about {other} by 15° or more "
+        "in some poses"
+    )
 
 
 def explain(
@@ -159,54 +189,18 @@ def explain(
     `R_flange` (P, 3, 3): the flange in the base, the other way round for a sensor pose
     in the `frame` "base".
     """
-    if found.status == "ok":
+    status, worst = found.status, found.sd[0]
+    if status == "ok":
         return []
-    # the directions, up to three, that are as bad as the status says
-    limit = 1 if found.status == "unobservable" else WEAK
-    count = int((found.sd >= limit).sum()) or 1
-    if count >= 3 and np.linalg.norm(found.directions[:3, 3:]) < 0.3:
+    least, verb = 1, "cannot be determined"
+    if status == "weak":
+        least, verb = WEAK, "is poorly determined"
+    unknown = found.directions[:3][: max(1, (found.sd >= least).sum())]
+    what = "; ".join(name_direction(one, R_sensor, frame) for one in unknown)
+    # three that are square to each other and hardly turn
+    if np.sum(unknown[:, :3] ** 2) > 2.91:
         what = "translation in every direction"
-    else:
-        worst = found.directions[: min(count, 3)]
-        what = "; ".join(name_direction(v, R_sensor, frame) for v in worst)
-    why = why_open(R_flange, frame)
-    if found.rank < found.parameters or found.sd[0] >= 10:
+    known = f"known only to {size_direction(worst, unknown[0])}"
+    if found.rank < found.parameters or worst >= OPEN:
         known = "left open"
-    else:
-        size = size_direction(found.sd[0], found.directions[0])
-        known = f"known only to {size}"
-    verbs = {"unobservable": "cannot be determined", "weak": "is poorly determined"}
-    return [f"{what} {verbs[str(found.status)]} ({known}): {why}"]
-
-
-def why_open(R_flange: ndarray, frame: str) -> str:
-    """What the flange's orientations (P, 3, 3) lack, and what to add."""
-    angles, axis = turns(R_flange)
-    main = name_axis(axis, frame)
-    others = [c for c in "xyz" if not main.endswith(f"'s {c}")]
-    if len(others) == 3:
-        others = ["xyz"[np.argmin(np.abs(axis).round(1))]]
-    whose = "its" if frame == "flange" else f"the {frame}'s"
-    other = f"{whose} {' or '.join(others)}"
-    spread = np.linalg.norm(angles)
-    about_others = np.linalg.norm(angles[1:])
-    if spread < LEAST_TURN_DEG:
-        return (
-            f"all flange orientations agree within {max(spread, 0.01):.2g}°; "
-            "add poses tilted by 15° or more about two axes"
-        )
-    if about_others < LEAST_TURN_DEG:
-        return (
-            f"all rotations are about {main}; "
-            f"tilt the flange about {other} by 15° or more in some poses"
-        )
-    if about_others < 10:
-        return (
-            f"but for turns about {main}, the orientations differ by only "
-            f"{about_others:.2g}°; tilt the flange about {other} by 15° or more "
-            "in some poses"
-        )
-    return (
-        "cross the target at other places and in other directions of motion, "
-        "inside each group of poses too"
-    )
+    return [f"{what} {verb} ({known}): {why_open(R_flange, frame)}"]

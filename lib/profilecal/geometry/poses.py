@@ -1,6 +1,6 @@
 """Rotations and rigid transforms, directions, frames and circles; in batches."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,8 @@ def nearest_rotation(matrix: ndarray) -> ndarray:
     pass.
     """
     U, _, Vt = np.linalg.svd(matrix)
-    U[..., :, 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
+    # 1 or, of a reflection, -1
+    U[..., 2] *= np.linalg.det(U @ Vt)[..., None]
     return U @ Vt
 
 
@@ -38,8 +39,8 @@ def angle_between(first: ndarray, second: ndarray) -> ndarray:
 
     ‖A - B‖ = 2√2 sin(θ/2) stays exact near zero, where the trace does not.
     """
-    chord = np.linalg.norm(first - second, axis=(-2, -1))
-    return 2 * np.arcsin(np.clip(chord / np.sqrt(8), 0, 1))
+    apart = np.linalg.matrix_norm(first - second)
+    return 2 * np.arcsin(np.minimum(apart / np.sqrt(8), 1))
 
 
 def chord(angle_deg: float) -> float:
@@ -55,16 +56,13 @@ def rotation_groups(R: ndarray) -> ndarray:
     A pose joins the first group whose first pose differs from it by no more than
     SAME_ORIENTATION_DEG.
     """
-    R = nearest_rotation(R)
-    tree = KDTree(R.reshape(-1, 9))
-    within = chord(SAME_ORIENTATION_DEG)
+    ways = R.reshape(-1, 9)
+    tree, limit = KDTree(ways), chord(SAME_ORIENTATION_DEG)
     group = np.full(len(R), -1)
-    count = 0
-    for k in range(len(R)):
+    for k, way in enumerate(ways):
         if group[k] < 0:
-            near = np.array(tree.query_ball_point(R[k].ravel(), within))
-            group[near[group[near] < 0]] = count
-            count += 1
+            near = np.array(tree.query_ball_point(way, limit))
+            group[near[group[near] < 0]] = group.max() + 1
     return group
 
 
@@ -73,8 +71,8 @@ def check_alike(name: str, R: ndarray, labels: ndarray) -> ndarray:
     label (n,) of. Raises ValueError where those of one label differ by more than 1°.
     `name` is the argument that holds R.
     """
-    _, firsts, number = np.unique(labels, return_index=True, return_inverse=True)
-    first = firsts[number]
+    _, first, number = np.unique(labels, return_index=True, return_inverse=True)
+    first = first[number]
     apart = np.degrees(angle_between(R, R[first]))
     for k in np.flatnonzero(apart > LARGEST_IN_GROUP_DEG):
         raise ValueError(
@@ -93,8 +91,8 @@ def pose_error(
     """δ (..., 6), mm and rad, sensor frame, with T_true = T · exp(δ) to first order:
     what the covariance is of.
     """
-    turn = Rotation.from_matrix(rotation.mT @ true_rotation).as_rotvec()
     shift = np.vecmat(true_translation - translation, rotation)
+    turn = Rotation.from_matrix(rotation.mT @ true_rotation).as_rotvec()
     return np.concatenate([shift, turn], axis=-1)
 
 
@@ -105,11 +103,10 @@ def difference(T: ndarray, T_true: ndarray) -> ndarray:
 
 def homogeneous(rotation: ndarray, translation: ndarray) -> ndarray:
     """4×4 matrices (..., 4, 4) from rotations (..., 3, 3) and translations (..., 3)."""
-    shape = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
-    matrix = np.tile(np.eye(4), (*shape, 1, 1))
-    matrix[..., :3, :3] = rotation
-    matrix[..., :3, 3] = translation
-    return matrix
+    batch = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
+    T = np.tile(np.eye(4), (*batch, 1, 1))
+    T[..., :3, :3], T[..., :3, 3] = rotation, translation
+    return T
 
 
 def unit(vectors: ndarray) -> ndarray:
@@ -125,14 +122,14 @@ def directions(rng: np.random.Generator, shape: tuple[int, ...]) -> ndarray:
 
 def rotations(vectors: ndarray) -> ndarray:
     """Rotation matrices (..., 3, 3) from rotation vectors (..., 3), rad."""
-    rows = np.reshape(vectors, (-1, 3))  # of which scipy makes matrices faster
-    return Rotation.from_rotvec(rows).as_matrix().reshape(*np.shape(vectors), 3)
+    # scipy is fast along one axis only
+    flat = np.reshape(vectors, (-1, 3))
+    return Rotation.from_rotvec(flat).as_matrix().reshape(*np.shape(vectors), 3)
 
 
 def inverse(rotation: ndarray, translation: ndarray) -> Frames:
     """The inverses of rigid transforms (..., 3, 3), (..., 3)."""
-    back = rotation.mT
-    return back, -np.matvec(back, translation)
+    return rotation.mT, -np.vecmat(translation, rotation)
 
 
 def carry(rotation: ndarray, translation: ndarray, points: ndarray) -> ndarray:
@@ -141,20 +138,23 @@ def carry(rotation: ndarray, translation: ndarray, points: ndarray) -> ndarray:
 
 
 def in_base(
-    T_sensor: ndarray, profiles: Iterable[ndarray], R: ndarray, p: ndarray
+    T_sensor: ndarray, profiles: Sequence[ndarray], R: ndarray, p: ndarray
 ) -> tuple[ndarray, ndarray]:
     """Points (N, 3) that profiles (P, n, 2) show by a sensor pose (4, 4) from flange
     poses R (P, 3, 3), p (P, 3), and the number (N,) of the profile that each is of.
     """
-    rows = [points[np.isfinite(points).all(axis=1)] for points in profiles]
-    pose = np.arange(len(rows)).repeat([*map(len, rows)])
-    in_flange = np.concatenate(rows) @ T_sensor[:3, [0, 2]].T + T_sensor[:3, 3]
-    return carry(R[pose], p[pose], in_flange), pose
+    seen = np.concatenate(profiles)
+    number = np.repeat(np.arange(len(R)), [*map(len, profiles)])
+    there = np.isfinite(seen).all(axis=1)
+    number = number[there]
+    in_flange = seen[there] @ T_sensor[:3, :3:2].T + T_sensor[:3, 3]
+    return carry(R[number], p[number], in_flange), number
 
 
 def frame_around(axis: ndarray) -> ndarray:
     """Frames (..., 3, 3), in columns, whose z is the unit vector `axis` (..., 3)."""
-    x = unit(np.cross(axis, np.eye(3)[np.abs(axis).argmin(axis=-1)]))
+    farthest = np.eye(3)[np.abs(axis).argmin(axis=-1)]
+    x = unit(np.cross(axis, farthest))
     return np.stack([x, np.cross(axis, x), axis], axis=-1)
 
 
@@ -163,17 +163,15 @@ def circle_around(
 ) -> ndarray:
     """Points (count, 3) on a circle in space around a unit vector."""
     angle = np.linspace(0, 2 * np.pi, count)
-    around = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    around = np.column_stack([np.cos(angle), np.sin(angle)])
     return centre + radius * around @ frame_around(axis)[:, :2].T
 
 
 def cross(a: Sequence | ndarray, b: Sequence | ndarray) -> list:
     """a × b of vectors by their components, numbers or arrays: (3,) or (3, ...)."""
-    return [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+    # not by numbers: arrays give their components faster in a row
+    (ax, ay, az), (bx, by, bz) = a, b
+    return [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
 
 
 def dot(a: Sequence | ndarray, b: Sequence | ndarray) -> Any:
@@ -186,8 +184,9 @@ def root(square: ndarray, least: float | ndarray) -> tuple[ndarray, ndarray]:
 
     A scan plane that misses a ball or a disk has no circle or chord, but a solver that
     tries it needs a residual that leads back.
+
+    The tangent at r² has the slope 1 / 2r and is r + (square - r²) / 2r, which is the
+    root itself where r is.
     """
-    inside = square > least**2
-    value = np.sqrt(np.where(inside, square, least**2))
-    slope = 0.5 / value
-    return np.where(inside, value, (square + least**2) * slope), slope
+    r = np.sqrt(np.fmax(square, least**2))
+    return (r + square / r) / 2, 0.5 / r

@@ -11,7 +11,7 @@ from numpy import ndarray
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.log import DELAY_S
 from profilecal.geometry.noise import SMOOTH, Noise, Systematic, chi2_limit
-from profilecal.geometry.observability import units_by_hand
+from profilecal.geometry.observability import HAND_PRECISION
 from profilecal.geometry.poses import Frames, carry, rotations
 from profilecal.joint.linear_model import LinearModel, linear_model
 from profilecal.joint.prior import (
@@ -87,7 +87,11 @@ class Problem:
         may_be_poor = considered(self.observations, self.systematic)
         self.considered = may_be_poor | of_clocks(self.observations)
         # what one would know of each unknown (n,) by hand, mm and rad
-        self.units = units_by_hand(self.targets)
+        mm, rad = HAND_PRECISION[::3]
+        by_hand = [
+            [mm] * len(one.shifts) + [rad] * len(one.turns) for one in self.targets
+        ]
+        self.units = np.concatenate([HAND_PRECISION, *by_hand])
         # how many residuals each profile has, in the first problem
         self.counts = np.concatenate([term.counts[0] for term in self.terms])
         self.counts_or_1 = np.maximum(self.counts, 1)  # to divide by
