@@ -232,7 +232,8 @@ class Target:
         `count` points of a curve. Usually the points in which the scan planes `meet`
         it.
         """
-        return self.meet(rotation, origin).reshape(len(origin), -1, 2)
+        met = self.meet(rotation, origin)
+        return met if met.ndim > 2 else met[:, None]
 
     def sides(self, rotation: ndarray, origin: ndarray) -> ndarray:
         """The `side` (P,) that a scan folder states for scan planes (P, 3, 3), (P, 3);
