@@ -36,7 +36,7 @@ def check_array(
     instead, or with the first entry that is not finite, unless it may be.
     """
     try:
-        array = np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)
+        array: ndarray = np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} is no array of numbers: {error}") from None
     # the lengths that are free, as they are

@@ -9,7 +9,7 @@ from numpy import ndarray
 from scipy.special import chdtri
 
 
-def is_sd(value: object) -> bool:
+def is_sd(value: Any) -> bool:
     """Whether this is a standard deviation: one that is there is no rounding error."""
     is_number = isinstance(value, Real) and not isinstance(value, bool)
     return is_number and (value == 0 or 1e-6 <= value <= 100)

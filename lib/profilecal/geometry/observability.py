@@ -192,7 +192,7 @@ def explain(
     status, worst = found.status, found.sd[0]
     if status == "ok":
         return []
-    least, verb = 1, "cannot be determined"
+    least, verb = 1.0, "cannot be determined"
     if status == "weak":
         least, verb = WEAK, "is poorly determined"
     unknown = found.directions[:3][: max(1, (found.sd >= least).sum())]

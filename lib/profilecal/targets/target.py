@@ -181,8 +181,8 @@ class Target:
         place, axes = self.frame
         vectors = place - origin, *np.moveaxis(axes, -1, 0)
         in_sensor = [np.vecmat(vector, rotation) for vector in vectors]
-        place, *axes = (np.moveaxis(v, -1, 0)[..., None, None] for v in in_sensor)
-        return Sight(place, axes, 0 * place[:2], self.measures)
+        seen, *along = (np.moveaxis(v, -1, 0)[..., None, None] for v in in_sensor)
+        return Sight(seen, along, 0 * seen[:2], self.measures)
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """Polylines (n, 3) that draw it, as far as it was seen at points (k, 3)."""
@@ -298,7 +298,7 @@ def distances_in_space(
 
 
 def in_scan_plane(
-    in_space: Linearised, offset: Components, bend: Components = (0.0, 0.0, 0.0)
+    in_space: Linearised, offset: Components, bend: Sequence = (0.0, 0.0, 0.0)
 ) -> Linearised:
     """What `Target.residual` returns of a distance in space, mm, taken within the scan
     plane, to first order.
