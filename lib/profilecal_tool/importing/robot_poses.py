@@ -38,11 +38,9 @@ from profilecal_tool.importing.read_file import names_of
 Entries = dict[str, Any]  # of a Scan
 FARTHEST_M = 20.0  # no robot reaches so far; a position in mm is farther somewhere
 NEAR_MM = 200.0  # few flanges stay so near: it may be cm or inches
-HINT = "--pose-columns says it; w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector; "
-HINT += "alpha,beta,gamma: Stäubli; o,a,t; qw,qx,qy,qz"
+HINT = "--pose-columns says it; w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector, "
+HINT += "rad; alpha,beta,gamma: Stäubli; o,a,t; qw,qx,qy,qz"
 FANUC = named("FANUC angles").columns
-OF_ABB = named("quaternion").columns
-OF_LIBRARIES = ("qx", "qy", "qz", "qw")
 
 
 def poses_in(blocks: Iterable[Block], said: str) -> list[Part]:
@@ -115,26 +113,21 @@ def check_whose(poses: Part, entry: str) -> None:
 
 def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
     """Why there are no poses in a file. Behind a position, or three numbers, three are
-    likely W, P, R, and four of unit length a quaternion.
+    likely W, P, R.
     """
     blocks = [block for block in blocks if block.kind == "pose"]  # not tools
     if not blocks:
         return ScanError(f"{path}: no poses")
     block = max(blocks, key=lambda block: len(block.columns))
     if block.having("joint"):
-        sentence = "joint angles are none: export Cartesian poses"
-        return question_on_columns(block, sentence, {})
+        return question_on_columns(block, "joint angles: export Cartesian poses", {})
     numeric = block.table.apply(to_numeric, errors="coerce").dropna(axis=1, how="all")
     own = [c for c in block.columns if c.at in numeric and c.role in {"", *OF_POSES}]
     position, turn = own[:3], own[3:]
-    numbers = numeric[[column.at for column in turn]].to_numpy()
-    roles, unit, likely = (), "", {}
-    if len(turn) == 3:
-        roles, unit = FANUC, likely_angle(numbers)
-    elif len(turn) == 4 and np.allclose(np.linalg.norm(numbers, axis=1), 1, atol=0.01):
-        roles = OF_ABB if turn[0].name in ("q0", "q1") else OF_LIBRARIES
-    if roles and [c.role for c in position] in ([*XYZ], 3 * [""]):
-        likely = likely_columns(position, XYZ, "") | likely_columns(turn, roles, unit)
+    likely = {}
+    if len(turn) == 3 and [c.role for c in position] in ([*XYZ], 3 * [""]):
+        unit = likely_angle(numeric[[column.at for column in turn]].to_numpy())
+        likely = likely_columns(position, XYZ, "") | likely_columns(turn, FANUC, unit)
     sentence = f"no pose in {said}" if said else "what are they?"
     return question_on_columns(block, sentence, likely)
 
@@ -198,7 +191,6 @@ def angle_of(poses: Part) -> tuple[float, str]:
         if is_long or units - {"rad", "radian", "radians"}:
             what = listed(units) or "rad, longer than pi"
             doubt = f"a vector of {length:.4g} {what}; are they w, p, r?"
-            doubt += " (a vector in deg: convert it to rad)"
     if doubt:
         columns = [poses.chosen[name] for name in turn.columns]
         raise question_on_columns(poses, doubt, likely_columns(columns, roles, likely))
