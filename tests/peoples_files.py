@@ -164,6 +164,22 @@ abb = of_tool(
     ),
     name="scan.mod",
 )
+abb_array = of_tool(
+    "  PERS tooldata tScan:=[TRUE,[[12,-35,180],[0.5,0.5,-0.5,-0.5]],[1,[0,0,1]]];\n"
+    "  CONST robtarget p{12}:=[",
+    "  [[{0},{1},{2}],[{3},{4},{5},{6}],[-1,0,-1,0],[9E9,9E9]],",
+    "quaternion",
+    foot="  MoveJ home,v100,fine,tool0;\n  MoveL p{i},v100,fine,tScan;",
+    name="scan.mod",
+)
+of_tool_above = of_tool(
+    "tcp_offset: [0.012, -0.035, 0.18, 1.209199576156, -1.209199576156, "
+    "-1.209199576156]\nposes:",
+    "- {{x: {0}, y: {1}, z: {2}, rx: {3}, ry: {4}, rz: {5}}}",
+    "rotation vector",
+    0.001,
+    name="poses.yaml",
+)
 csv = listed(
     "Name;X [mm];Y [mm];Z [mm];Alpha [°];Beta [°];Gamma [°]",
     "scan_{k:03d};{all}",

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, Self
+from unicodedata import normalize
 
 import numpy as np
 from numpy import ndarray
@@ -279,7 +280,8 @@ def counted(count: int) -> list[str]:
 
 def column_titled(at: int, title: str) -> Column:
     """What a title says by itself."""
-    text, unit = title.strip().lower(), ""
+    # in letters and brackets of usual width
+    text, unit = normalize("NFKC", title).strip().lower(), ""
     if match := IN_BRACKETS.fullmatch(text) or BEHIND.fullmatch(text):
         text, unit = match.groups()
     words = re.sub(r"\W+", "_", text).strip("_").split("_")

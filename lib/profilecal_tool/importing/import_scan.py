@@ -3,7 +3,7 @@
 import re
 from collections import ChainMap
 from contextlib import nullcontext, suppress
-from glob import glob
+from glob import escape, glob
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +34,7 @@ from profilecal_tool.importing.tool_frames import (
     entries_of_flange,
     lines_of_program,
     of_one_tool,
+    tools_in_data,
 )
 
 NOTHING_SAID = Layout()
@@ -53,6 +54,7 @@ def import_scan(
     taken = {}  # each step adds what it takes for granted
     poses, profiles, every = read_folder(folder, layout, taken)
     program = lines_of_program(every, poses.robot)
+    program["tool"] += tools_in_data(every, poses)
     poses, tool = of_one_tool(poses, program, layout, taken)
     if poses.table.empty:
         raise ScanError(f"{poses.path}: no poses where {layout.where}")
@@ -128,18 +130,15 @@ def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
     paths = {path: name for name in said for path in files_matching(folder, name)}
     for path in sorted_files(folder, "**/*"):
         if path not in paths and is_readable(path):
-            paths[path] = re.sub(r"\d+", "*", str(path.relative_to(folder)))
-    if not paths:
-        raise ScanError(f"{folder}: no files; is the folder right?")
+            paths[path] = re.sub(r"\d+", "*", escape(str(path.relative_to(folder))))
     families = {}
     for path, name in watched([*paths.items()], "reading"):
         blocks = families.setdefault(name, {})[path] = []
         is_beside = len(said) == 2 and name not in said  # and may be of any kind
         with suppress(ScanError) if is_beside else nullcontext():
             for block in blocks_in_file(path, layout.encoding):
-                if block.robot or not is_beside:
-                    wanted = with_rows_wanted(block, layout)
-                    blocks.append(with_a_point_a_row(wanted, layout))
+                wanted = with_rows_wanted(block, layout)
+                blocks.append(with_a_point_a_row(wanted, layout))
     for name in said:  # of the same files
         families.setdefault(name, families[said[-1]])
     return families
@@ -176,8 +175,7 @@ def with_rows_wanted(block: Block, layout: Layout) -> Block:
 
 def check_where(folder: Path, blocks: list[Block], layout: Layout) -> None:
     """Raise ScanError where rows are wanted by a column that no block has."""
-    columns = [column for block in blocks for column in block.others]
-    names = {name for column in columns for name in (column.name, column.role)}
+    names = {n for block in blocks for c in block.others for n in (c.name, c.role)}
     if layout.wanted[0] not in {*names, "", "tool", "base"}:
         known = f"the columns are {listed(sorted(names - {''}))}"
         raise ScanError(f"{folder}: no rows where {layout.where}; {known}")
@@ -203,9 +201,7 @@ def which_hold_what(
     free.sort(key=lambda name: -len(families[name]))
     of_poses = [n for n in free if poses_in(first[n], layout.pose_columns)]
     others = [n for n in free if n not in of_poses]
-    # those of half as many files are something else, such as a reference
-    most = [n for n in others if 2 * len(families[n]) > len(families[others[0]])]
-    of_points = [n for n in most if points_of_file(first[n], layout)]
+    of_points = [n for n in others if points_of_file(first[n], layout)]
     # without titles: either, but poses are in the fewest files, which are asked about
     # first; and profiles are in those that are left
     unclear = [n for n in others if n not in of_points]
@@ -235,8 +231,7 @@ def check_one_profile_a_pose(
         if not sorted_files(folder, f"*{part}*"):
             raise ScanError(f"{sentence}; leave one out")
         every = re.sub(r"\d+", "*", f"{one}.*")
-        hint = f"which of them? (all: '{every}')"
-        raise Question(f"{sentence}; {hint}", profiles=f"*{part}*")
+        raise Question(f"{sentence}; which? (all: '{every}')", profiles=f"*{part}*")
 
 
 def in_sweeps(folder: Path, entries: Entries, both: Times) -> Entries:

@@ -59,8 +59,10 @@ def pair_profiles(
     found = found or paired_in_order(poses, used, names, layout)
     if found.times:
         return found
-    lost = [names[k] for k in np.flatnonzero(found.rows < 0)]
     served, how = {*found.rows}, found.how
+    if served == {-1}:
+        raise ScanError(f"{poses.path}: {how}, and no profile has a pose")
+    lost = [names[k] for k in np.flatnonzero(found.rows < 0)]
     idle = [label for row, label in enumerate(labels) if row not in served]
     for what, left in (("pose", lost), ("profile", idle)):
         how += f"; left out, without a {what}: {listed(left)}" if left else ""
@@ -83,9 +85,8 @@ def paired_in_order(
     for column in poses.having("label"):
         numbers = to_numeric(poses.table[column.at], errors="coerce").dropna()
         if not used and not numbers.is_monotonic_increasing:
-            title = poses.title(column)
-            sentence = f"{title} goes up and down, and profiles have no such number"
-            raise ScanError(f"{poses.path}: {sentence}; sort the rows, or name files")
+            found = f"{poses.title(column)} goes up and down; profiles have no number"
+            raise ScanError(f"{poses.path}: {found}; sort the rows, or name files")
     return Pairing(rows, "in order of the lines that use them" if used else "in order")
 
 

@@ -21,7 +21,7 @@ from profilecal_tool.importing.blocks import (
     counted,
 )
 from profilecal_tool.importing.lists_and_arrays import binary_blocks, nested_blocks
-from profilecal_tool.importing.makers import ENCODINGS, FOREIGN, UNITS
+from profilecal_tool.importing.makers import ENCODINGS, FOREIGN
 from profilecal_tool.importing.program_lines import OF_MOVES, program_blocks
 
 SHEETS = {".xlsx", ".xlsm"}
@@ -62,8 +62,8 @@ def decoded_text(path: Path, encoding: str) -> str:
     """
     try:
         return text_of(path, encoding=encoding)
-    except ScanError as error:
-        if encoding or not isinstance(error.__cause__, UnicodeDecodeError):
+    except ScanError:
+        if encoding:
             raise
         begin = path.read_bytes()[:BEGIN]
 
@@ -93,14 +93,11 @@ def is_readable(path: Path) -> bool:
 
 def dialect(text: str) -> tuple[str | None, bool]:
     """What stands between columns (None: spaces), and whether commas are decimal ones:
-    so they are in "1;2,5", and in "1,5 2,5", with one before and one behind a space;
-    but not in "1,433;2.5".
+    so they are in "1;2,5", but not in "1,433;2.5".
     """
     rows = [line for line in text.splitlines() if re.search(r"\d", line)]
     most = len(rows) / 2
     mark = next((m for m in ";\t|," if sum(m in row for row in rows) > most), None)
-    if mark == "," and re.search(r"\d,\d+[ ]+[-+]?\d+,\d", text):
-        mark = None
     has_points = re.search(r"\d,\d+[;\t ]+[-+]?\d+\.\d+[;\s]", text)
     return mark, mark != "," and not has_points
 
@@ -155,17 +152,6 @@ def row_where_numbers_begin(rows: list[list[str]]) -> int:
     return first
 
 
-def titles_in(rows: list[list[str]]) -> list[str]:
-    """The last row of words, or the one above it with the units that it says."""
-    if not rows:
-        return []
-    units = [cell.strip("[]()").lower() for cell in rows[-1]]
-    if len(rows) < 2 or sum(unit in UNITS for unit in units) < 2:
-        return rows[-1]
-    cells = zip(rows[-2], units, strict=True)
-    return [f"{title} [{unit}]" if unit in UNITS else title for title, unit in cells]
-
-
 def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     """The blocks of a text: runs of lines of as many fields, from where numbers begin.
     What goes on without titles below a remark or blank lines has those above. Raises
@@ -185,7 +171,9 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         if first == len(rows):
             continue
         count = len(rows[0])
-        titles = titles_in(rows[:first]) or (above if count == len(above) else [])
+        titles = rows[first - 1] if first else above
+        if len(titles) != count:
+            titles = []
         if titles:
             above, end_above = titles, end
         # right under it, or without the first title
@@ -219,10 +207,9 @@ def sheet_blocks(path: Path) -> Iterator[Block]:
         sheets = read_excel(path, sheet_name=None, header=None)
     except Exception as error:  # of the archive, of its XML, of pandas
         raise ScanError(f"{path}: no workbook: is it damaged?") from error
-    is_one = len(sheets) == 1
     for name, cells in sheets.items():
         text = cells.to_csv(sep=";", header=False, index=False)
-        if is_one:
+        if len(sheets) == 1:
             text, name = re.sub("(?m)^;+$", "", text), ""
         for block in text_blocks(path, text.encode()):
             yield replace(block, sheet=name)

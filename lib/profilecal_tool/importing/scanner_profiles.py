@@ -34,29 +34,31 @@ from profilecal_tool.importing.questions import (
     one_or_ask,
     ranges,
 )
-from profilecal_tool.importing.read_file import BEGIN, decoded_text, names_of
+from profilecal_tool.importing.read_file import BEGIN, names_of
 
 LIKELY_MM = 150.0  # the farthest that a scanner sees, for a guess at a unit
 NARROW_MM = 10.0  # few scanners see so little: it may be cm or inches
+# a name, a unit or none, a number
 X_ABOVE = (
-    r"x[ _-]?(?:start|offset|origin)[^-+.\d\n]*([-+]?\d+(?:[.,]\d+)?)",
-    r"x[ _-]?(?:pitch|resolution|interval|step)[^-+.\d\n]*([-+]?\d+(?:[.,]\d+)?)",
+    r"(?<![a-z])x[ _-]?(?:{})[ _]*[\[(]?(?:mm)?[\])]?"
+    r"[\s\"':=;,]*([-+]?\d+(?:[.,]\d+)?)"
 )
+START_AND_PITCH = "start|offset|origin", "pitch|resolution|interval|step"
 
 
 def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     """A block with a point in each row, of one with a profile in each; what stands
-    beside is repeated. Raises ScanError where x is nowhere, or in rows of its own.
+    beside is repeated. Raises ScanError where x is nowhere, or where a first column
+    may be one of numbers or times.
     """
     x, z = block.having("x"), block.having("z")
     if len(z) <= LARGEST_POSE:
         return block
-    beside = [column for column in block.columns if column not in (*x, *z)]
-    for column in beside:
-        if {"x", "z"} <= {str(cell).lower() for cell in block.table[column.at]}:
-            sentence = f"by column {column.title}, rows are of x and of z by turns"
-            raise ScanError(f"{block.path}: {sentence}; give columns x1, z1, x2, z2, …")
     heights = block.numbers(z, blank=True)
+    if block.is_bare and len(heights) > 1 and (np.diff(heights[:, 0]) > 0).all():
+        found = f"column {z[0].title} rises from row to row, as numbers and times do"
+        raise ScanError(f"{block.path}: {found}; give titles: n, z1, z2, …")
+    beside = [column for column in block.columns if column not in (*x, *z)]
     places = np.broadcast_to(places_of(block, x, z, layout), heights.shape)
     rows = block.table[[column.at for column in beside]]
     table = rows.loc[rows.index.repeat(len(z))]
@@ -74,24 +76,27 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
 def places_of(
     block: Block, x: list[Column], z: list[Column], layout: Layout
 ) -> ndarray:
-    """Where along x the columns of heights are: in columns of their own, in titles, or
-    by a start and a pitch, said or in words where the file begins. Raises ScanError.
+    """Where along x the columns of heights are: in columns of their own, in titles that
+    do not only count, from 0 or 1, or by a start and a pitch, said or in words where
+    the file begins. Raises ScanError where those are not there, or differ.
     """
     if len(x) == len(z):
         return block.numbers(x, blank=True)
     places = np.array([cell_number(column.title) for column in z])
-    if np.isfinite(places).all() and not block.is_bare:
+    counts = np.arange(len(z))
+    only_count = block.is_bare or [*places] in ([*counts], [*counts + 1])
+    if np.isfinite(places).all() and not only_count:
         return places
     start_and_pitch = layout.x
     if not start_and_pitch:
-        begin = decoded_text(block.path, layout.encoding)[:BEGIN].lower()
-        found = [re.search(one, begin) for one in X_ABOVE]
-        if not all(found):
-            sentence = "z alone, and x nowhere: --x START PITCH says it; or give titles"
-            raise ScanError(f"{block.path}: {sentence}: x1, z1, x2, z2, …")
-        start_and_pitch = [float(match[1].replace(",", ".")) for match in found]
+        begin = block.path.read_bytes()[:BEGIN].decode(errors="replace").lower()
+        found = [{*re.findall(X_ABOVE.format(one), begin)} for one in START_AND_PITCH]
+        if [*map(len, found)] != [1, 1]:
+            sentence = "z alone; where is it along x? --x START PITCH says it"
+            raise ScanError(f"{block.path}: {sentence}; or give titles: x1, z1, …")
+        start_and_pitch = [float(value.replace(",", ".")) for (value,) in found]
     start, pitch = start_and_pitch
-    return start + pitch * np.arange(len(z))
+    return start + pitch * counts
 
 
 def points_in(block: Block, said: str) -> Part | None:
@@ -135,7 +140,7 @@ def points_of_file(blocks: list[Block], layout: Layout) -> list[Part]:
     """The blocks of points in a file that are called alike; none where the largest
     block is none of points. Raises Question.
     """
-    blocks = [block for block in blocks if len(block.table)]
+    blocks = [b for b in blocks if len(b.table) and not b.robot]
     largest = max(blocks, key=lambda block: block.table.size, default=None)
     if not largest or not points_in(largest, layout.columns):
         return []
@@ -250,8 +255,7 @@ def question_on_points(blocks: list[Block], said: str) -> ScanError:
     as counts and intensities are.
     """
     block = max(blocks, key=lambda block: len(block.table))
-    unknown = [t for t in said.split(",") if t and not columns_called(block, t)]
-    sentence = f"no {listed(unknown) or 'x and z'} in columns {listed(block.titles)}"
+    sentence = f"no {said or 'x and z'} in columns {listed(block.titles)}"
     row = f"a row is {listed(block.table.iloc[len(block.table) // 2])}"
     sentence = f"{block.path}: {sentence}; {row}; --columns says them"
     numeric = block.table.select_dtypes("number")
@@ -307,11 +311,11 @@ def check_size(path: Path, xz: ndarray, scale: float, is_said: bool) -> None:
     width, largest = np.ptp(x), np.abs([x, z]).max()
     is_narrow = 0 < width < NARROW_MM and not is_said
     if is_narrow or not READINGS_MM[0] <= largest <= FARTHEST_MM:
-        sentence = f"{width:.4g} mm wide, up to {largest:.4g} mm away"
-        hint = "the unit (of x and of z?), or a code for nothing seen (--missing)?"
+        found = f"{width:.4g} mm wide, up to {largest:.4g} mm away; is it the unit"
         usual = np.log(LIKELY_MM / largest * scale)  # of the unit, in mm
         likely = min(LENGTH_UNITS, key=lambda u: abs(np.log(LENGTH_UNITS[u]) - usual))
-        raise Question(f"{path}: {sentence}; is it {hint}", unit=likely)
+        hint = "(of x and of z?), or a code for nothing seen (--missing)?"
+        raise Question(f"{path}: {found} {hint}", unit=likely)
 
 
 def check_codes(path: Path, xz: ndarray, layout: Layout) -> None:
@@ -329,13 +333,11 @@ def check_codes(path: Path, xz: ndarray, layout: Layout) -> None:
 
 def is_likely_code(xz: ndarray, code: float) -> bool:
     """Whether a height is farther from all other points than these are from each other,
-    and recurs, is very large or all nines; or it is 0, and several points are 0, 0.
+    and recurs or is very large; or it is 0, and several points are 0, 0.
     """
-    if code == 0 and np.count_nonzero((xz == 0).all(axis=1)) > 1:
+    if code == 0 and (xz == 0).all(axis=1).sum() > 1:
         return True
     others = xz[xz[:, 1] != code]
-    recurs = len(xz) - len(others) > 1
-    is_odd = recurs or abs(code) >= FARTHEST_MM or {*f"{code:g}"} <= {*"-9."}
-    if len(others) < 2 or not is_odd:
+    if len(others) < 2 or (len(xz) - len(others) < 2 and abs(code) < FARTHEST_MM):
         return False
     return np.abs(others[:, 1] - code).min() > np.ptp(others, axis=0).max()

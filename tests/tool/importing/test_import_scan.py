@@ -130,7 +130,6 @@ FOLDERS |= {name: (tum, write, "/ written") for name, write in PROFILES.items()}
 FOLDERS |= {
     "zeros": (tum, each(nothing="0,0"), "0: 12 of 240 points"),
     "a far point": (tum, one_each, far_point("1e6,1e6"), "1000000 at 1 of 229"),
-    "nines": (tum, one_each, far_point("1,9999"), "9999 at 1 of 229"),
     "inches": (tum, each(scale=1 / 25.4), "mm wide, up to"),
     "whole numbers": (tum, each(scale=1e5), "(--missing)"),
     "two conventions": (
@@ -138,8 +137,6 @@ FOLDERS |= {
         "KUKA angles or FANUC angles",
     ),
     "in cm": (listed("x,y,z,a,b,c", scale=0.1), "up to 101.7; cm, in or mm"),
-    "q1 to q4": (listed("x,y,z,q1,q2,q3,q4", convention="quaternion"), "what are they"),
-    "q0 to q3": (listed("x,y,z,q0,q1,q2,q3", convention="quaternion"), "qw,qx,qy,qz"),
     "of tcp": (listed("x_tcp,y_tcp,z_tcp,a_tcp,b_tcp,c_tcp"), "poses of tcp"),
     "no titles": (of_angles("", scale=0.001, angle=np.pi / 180), "what are they"),
     "radians in files": (
@@ -150,8 +147,25 @@ FOLDERS |= {
         listed("x,y,z,rx [radians],ry,rz", convention="rotation vector"),
         "in mm, radians",
     ),
-    "a vector in degrees": (of_angles("x,y,z,rx [deg],ry [deg],rz [deg]"), "convert"),
-    "a tool that no line uses": (abb, by_target, NO_MOVES, "is declared, and no line"),
+    "a vector in degrees": (of_angles("x,y,z,rx [deg],ry [deg],rz [deg]"), "w, p, r?"),
+    "a tool that no line uses": (
+        abb,
+        by_target,
+        NO_MOVES,
+        "is declared, which no known line",
+    ),
+    "a tool of an array": (
+        people.abb_array,
+        one_each,
+        "moves have tools tscan, tool0; of which are the poses?",
+    ),
+    "a tool by its number": (
+        people.of_tool("n,x,y,z,w,p,r,Tool-Nr", "{k},{all},3", "FANUC angles"),
+        "tool 3, of which 0 frames are here… --tool X Y Z W P R",
+    ),
+    "a tool above": (people.of_tool_above, "tool tcp_offset is declared"),
+    "brackets": (csv, each("[{:03d}].csv"), each("[{:03d}]b.csv"), "'[[]*].csv'"),
+    "wide brackets": (listed("Ｘ（mm）,Y（mm）,Z（mm）,A,B,C"), "/ written"),
     "of a camera": (listed("cam_x,cam_y,cam_z,cam_a,cam_b,cam_c"), "poses are of cam"),
     "angles first": (
         of_angles("rx,ry,rz,x,y,z", "{3},{4},{5},{0},{1},{2}"),
@@ -208,18 +222,10 @@ FOLDERS |= {
         each("p{}.txt", encoding="utf-16", begin=1),
         "from 0 and from 1",
     ),
-    "decimal commas between spaces": (listed("X Y Z A B C", between=" "), "in order"),
     "a pose before": (
         listed("Nr,X,Y,Z,A,B,C\nref,400,0,600,0,90,0\n0,400,0,600,0,90,0", "{n},{all}"),
         each("profile_{:03}.csv", begin=1),
         "number 1 in the names; left out, without a profile: ref, 0",
-    ),
-    "units below": (
-        upwards(
-            "Nr;X;Y;Z;A;B;C\n;[m];[m];[m];°;°;°", "{k};{all}", scale=1e-3, between=";"
-        ),
-        each("p{}.csv", "# x,z\r\n# mm,mm"),
-        "number 1 in the names",
     ),
     "milliseconds": (
         log_with_stops,
@@ -272,7 +278,7 @@ def test_a_folder_is_read_at_once_or_by_the_line_that_is_printed(name, tmp_path)
     said = said_of(tmp_path, FOLDERS[name])
     question, _, line = said.rpartition("\nprofilecal import ")
     if question:
-        line = line.replace("X Y Z A B C", "12 -35 180 90 0 -90")
+        line = re.sub("--tool X Y Z .*", "--tool 12 -35 180 90 0 -90", line)
         pasted = run("import", *shlex.split(line))
         assert pasted.exit_code == 0, pasted.output
     check_scan(tmp_path / "scan")
@@ -350,7 +356,7 @@ SAID = {
         abb,
         one_each,
         ON_THE_FLANGE,
-        "have tools tool0, tscan; of which are the poses?… --where tool=tscan",
+        "have tools tscan, tool0; of which are the poses?… --where tool=tscan",
     ),
     "one of two that moves have": (
         abb,
@@ -358,6 +364,19 @@ SAID = {
         ON_THE_FLANGE,
         "--where tool=tscan",
         "left out, without a pose: p10",
+    ),
+    "a tool of one move": (
+        abb,
+        by_target,
+        edited("scan.mod", "MoveL p10,v100,fine,tScan", "MoveJ p10,v100,fine,tool0"),
+        edited("scan.mod", "MoveL", "!", 11),
+        "is declared, which no",
+    ),
+    "a tool of a script": (
+        people.of_tool("x,y,z,rx,ry,rz", "{all}", "rotation vector", 0.001),
+        one_each,
+        a_file("s.script", "set_tcp(p[0.012,-0.035,0.18,1.2,-1.2,-1.2])"),
+        "tool s is declared",
     ),
     "one that no move has": (abb, "--where tool=tool0", "no poses where tool=tool0"),
     "tools in a list": (
@@ -372,7 +391,7 @@ SAID = {
         one_each,
         NO_MOVES,
         a_file("other.mod", TOOL_OF_ABB.format("tOther")),
-        "tool tother or tscan is declared, and no line uses it; are poses of it? "
+        "tool tother or tscan is declared, which no known line uses; are poses of it? "
         "(--tool 0 0 0 0 0 0: of the flange)… --where tool=NAME",
     ),
     "two labels of a pose": (
@@ -418,19 +437,39 @@ SAID = {
         a_file("z.csv", "X start [mm];0\nX pitch [mm];2,0\n" + HEIGHTS_BY_XP),
         "X 0.0 to 38.0, Z 90.5 to 100.5 mm… by Messung and the names",
     ),
+    "titles that count": (
+        tum,
+        a_file("z.csv", f"n{','.join(map(str, range(21)))[1:]}\n{HEIGHTS}"),
+        "where is it along x?",
+    ),
+    "two places of the first height": (
+        tum,
+        a_file("z.csv", "X offset,0\nX start,-9\nX pitch,1\n" + HEIGHTS),
+        "where is it along x?",
+    ),
+    "a place with another minus": (
+        tum,
+        a_file("z.csv", "X start,−9\nX pitch,1\n" + HEIGHTS),
+        "where is it along x?",
+    ),
+    "a word that ends on x": (
+        tum,
+        a_file("z.csv", "Index start,1\nX start,-9\nX pitch,2\n" + HEIGHTS),
+        "X -9.0 to 29.0",
+    ),
+    "times before heights": (
+        tum,
+        a_file("z.csv", HEIGHTS),
+        edited("z.csv", "\n", "\n9", 11),
+        "--x 0 2",
+        "column 1 rises from row to row",
+    ),
     "a word in heights": (
         tum,
         a_file("z.csv", HEIGHTS_BY_XP),
         edited("z.csv", "XP5;", "XP5;oops"),
         "--x 0 2",
         "z.csv line 6: column 2 is 'oops",
-    ),
-    "x and z by turns": (
-        tum,
-        a_file("z.csv", HEIGHTS_BY_XP),
-        edited("z.csv", "XP1;", "X;"),
-        edited("z.csv", "XP2;", "Z;"),
-        "by column 1, rows are of x and of z by turns",
     ),
     "thousands": (
         a_file("p.csv", "x;y;z;a;b;c" + 12 * "\n1,433;2.5;3;4;5;6"),
@@ -452,7 +491,7 @@ SAID = {
         tum,
         each(titles="", columns=("0.5",)),
         "--columns x,2",
-        "no x in columns 1, 2, 3; a row is 0.5, 9.125, 89.5; --columns says them\n",
+        "no x,2 in columns 1, 2, 3; a row is 0.5, 9.125, 89.5; --columns says them\n",
     ),
     "one column": (tum, "--columns 2,2", "x and z are one column"),
     "four columns": (tum, "--columns _,x,z,_", "expected two"),
@@ -491,10 +530,10 @@ SAID = {
     ),
     "joints": (
         a_file("tcp.csv", "j1,j2,j3,j4,j5,j6\n0,1,2,3,4,5"),
-        "joint angles are none: export Cartesian poses",
+        "joint angles: export Cartesian poses",
     ),
     "tools alone": (nothing, one_each, a_file("f.va", FRAMES), "f.va: no poses"),
-    "nothing": (nothing, nothing, "in: no files"),
+    "nothing": (nothing, nothing, "no file holds the poses"),
     "no poses": (nothing, one_each, "no file holds the poses"),
     "two numbers": (
         upwards("Zeile,Bahnpunkt,X,Y,Z,A,B,C", "{at},{k},{all}"),
@@ -505,6 +544,12 @@ SAID = {
         each("17000072{:02}.csv"),
         removed("1700007205.csv"),
         "11 profiles for 12 poses",
+    ),
+    "no time of a pose": (
+        tum,
+        a_file("1700000003.csv", "x,z\n1,100\n30,99\n"),
+        a_file("1700000004.csv", "x,z\n5,90\n40,95\n"),
+        "stands still, up to 0 s apart, and no profile has a pose",
     ),
     "times that are no labels": (
         listed("n,t [s],x,y,z,a,b,c", "{k},{n},{all}"),
