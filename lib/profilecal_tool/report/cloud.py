@@ -34,24 +34,26 @@ class Cloud:
 
     points: ndarray  # (N, 3) mm, base frame (eye-to-hand: the flange's)
     pose: ndarray  # (N,) number of the pose from which each was seen
-    rms_mm: float  # distance of the features from the target
+    rms_mm: float  # distance of the features kept from the target
     frame: str
 
 
 def clouds_of(found: Calibration, T: ndarray) -> list[Cloud]:
     """The cloud of each scan of a calibration, by a sensor pose T (4, 4).
 
-    Distances are from the target that fits all features best, so that they show how
-    thick the cloud is.
+    Distances are from the target that fits the features of all poses kept best, so that
+    they show how thick the cloud is.
     """
     clouds = []
-    delay_ms = 1e3 * (found.solution.delay_s or 0.0)
-    for scan, observed in zip(found.scans, found.observed, strict=True):
-        target, points, pose = target_by(T, observed)
+    solution = found.solution
+    delay_ms = 1e3 * (solution.delay_s or 0.0)
+    every = zip(found.scans, found.observed, solution.kept, strict=True)
+    for scan, observed, kept in every:
+        target, points, pose = target_by(T, observed.keep(kept))
         rms_mm = np.sqrt(np.mean(target.distance(points) ** 2))
         if scan.measured == "profiles":
-            every = scan.at_rest(delay_ms).base_flange(np.arange(len(scan.values)))
-            points, pose = in_base(T, scan.values, *every)
+            flange = scan.at_rest(delay_ms).base_flange(np.arange(len(scan.values)))
+            points, pose = in_base(T, scan.values, *flange)
         frame = "flange" if observed.eye_to_hand else "base"
         clouds.append(Cloud(points, pose, rms_mm, frame))
     return clouds

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from command import run
-from simulated import scan_of
+from simulated import scan_of, with_values
 
 import profilecal as pc
 from profilecal_tool.report.cloud import clouds_of
@@ -24,6 +24,13 @@ def test_a_right_pose_makes_the_target_and_a_wrong_one_smears_it(kind, mount):
     wrong[:3, 3] += 3
     (smeared,) = clouds_of(found, wrong)
     assert smeared.rms_mm > 3 * right.rms_mm
+
+
+def test_a_rejected_pose_does_not_count_in_how_thick_a_cloud_is():
+    scan = scan_of("plane", seed=4)
+    found = pc.calibrate(with_values(scan, lambda rows: rows + np.array([0, 5]), [7]))
+    assert found.poses_rejected == [scan.labels[7]]
+    assert clouds_of(found, found.pose)[0].rms_mm < 0.1
 
 
 def test_clouds_are_written(tmp_path):
