@@ -172,7 +172,8 @@ def parts_called(parts: list[Part], entry: str, liked: str, what: str) -> list[P
         comes before all others.
         """
         text, wish = name.lower(), entry.lower()
-        return wish in text, wish == text, not is_of_other(text), liked in text
+        is_liked = liked in text and text not in WORDS["tool"]
+        return wish in text, wish == text, not is_of_other(text), is_liked
 
     names = [*dict.fromkeys(part.called for part in parts)]
     best = max(map(fit, names))

@@ -198,8 +198,7 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
 
 
 def sheet_blocks(path: Path) -> Iterator[Block]:
-    """The blocks of a workbook. Blank rows part the tables of a single sheet; in one of
-    several they stay, as points that were not seen.
+    """The blocks of a workbook. Blank rows stay, as points that were not seen.
 
     Raises ScanError.
     """
@@ -209,7 +208,5 @@ def sheet_blocks(path: Path) -> Iterator[Block]:
         raise ScanError(f"{path}: no workbook: is it damaged?") from error
     for name, cells in sheets.items():
         text = cells.to_csv(sep=";", header=False, index=False)
-        if len(sheets) == 1:
-            text, name = re.sub("(?m)^;+$", "", text), ""
         for block in text_blocks(path, text.encode()):
-            yield replace(block, sheet=name)
+            yield replace(block, sheet=name if len(sheets) > 1 else "")
