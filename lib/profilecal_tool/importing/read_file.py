@@ -153,9 +153,8 @@ def row_where_numbers_begin(rows: list[list[str]]) -> int:
 
 
 def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
-    """The blocks of a text: runs of lines of as many fields, from where numbers begin.
-    What goes on without titles below a remark or blank lines has those above. Raises
-    ScanError for a row that lost a field.
+    """The blocks of a text: runs of lines of as many fields, from where numbers begin,
+    with titles of an earlier run if they have none. Raises ScanError for a lost field.
     """
     mark, has_decimal_commas = dialect(content[:BEGIN].decode(errors="ignore"))
     between = mark and mark.encode()
@@ -172,8 +171,7 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
             continue
         count = len(rows[0])
         titles = rows[first - 1] if first else above
-        if len(titles) != count:
-            titles = []
+        titles = titles if len(titles) == count else []
         if titles:
             above, end_above = titles, end
         # right under it, or without the first title
@@ -181,13 +179,12 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
             found = f"{count} fields; expected {len(above)}, as above"
             raise ScanError(f"{path} line {begin + 1}: {found}")
         titles = titles or counted(count)
-        named = map(column_titled, range(count), titles)
-        labels = [column.at for column in named if column.role == "label"]
+        named = [k for k, t in enumerate(titles) if column_titled(k, t).role == "label"]
         stream.seek(offset)
         table = read_csv(
             stream,
             names=range(count),
-            dtype=dict.fromkeys(labels, str),  # text, for 1.10 is not 1.1
+            dtype=dict.fromkeys(named, str),  # text, for 1.10 is not 1.1
             skiprows=first,
             nrows=end - begin - first,
             sep=mark or r"\s+",
