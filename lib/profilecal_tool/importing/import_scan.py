@@ -201,7 +201,9 @@ def which_hold_what(
     free.sort(key=lambda name: -len(families[name]))
     of_poses = [n for n in free if poses_in(first[n], layout.pose_columns)]
     others = [n for n in free if n not in of_poses]
-    of_points = [n for n in others if points_of_file(first[n], layout)]
+    # those of half as many files are something else, such as a reference
+    most = [n for n in others if 2 * len(families[n]) > len(families[others[0]])]
+    of_points = [n for n in most if points_of_file(first[n], layout)]
     # without titles: either, but poses are in the fewest files, which are asked about
     # first; and profiles are in those that are left
     unclear = [n for n in others if n not in of_points]

@@ -21,7 +21,7 @@ from profilecal_tool.importing.blocks import (
     counted,
 )
 from profilecal_tool.importing.lists_and_arrays import binary_blocks, nested_blocks
-from profilecal_tool.importing.makers import ENCODINGS, FOREIGN
+from profilecal_tool.importing.makers import ENCODINGS, FOREIGN, UNITS
 from profilecal_tool.importing.program_lines import OF_MOVES, program_blocks
 
 SHEETS = {".xlsx", ".xlsm"}
@@ -93,11 +93,14 @@ def is_readable(path: Path) -> bool:
 
 def dialect(text: str) -> tuple[str | None, bool]:
     """What stands between columns (None: spaces), and whether commas are decimal ones:
-    so they are in "1;2,5", but not in "1,433;2.5".
+    so they are in "1;2,5", and in "1,5 2,5", with one before and one behind a space;
+    but not in "1,433;2.5".
     """
     rows = [line for line in text.splitlines() if re.search(r"\d", line)]
     most = len(rows) / 2
     mark = next((m for m in ";\t|," if sum(m in row for row in rows) > most), None)
+    if mark == "," and re.search(r"\d,\d+[ ]+[-+]?\d+,\d", text):
+        mark = None
     has_points = re.search(r"\d,\d+[;\t ]+[-+]?\d+\.\d+[;\s]", text)
     return mark, mark != "," and not has_points
 
@@ -152,6 +155,17 @@ def row_where_numbers_begin(rows: list[list[str]]) -> int:
     return first
 
 
+def titles_in(rows: list[list[str]]) -> list[str]:
+    """The last row of words, or the one above it with the units that it says."""
+    if not rows:
+        return []
+    units = [cell.strip("[]()").lower() for cell in rows[-1]]
+    if len(rows) < 2 or sum(unit in UNITS for unit in units) < 2:
+        return rows[-1]
+    cells = zip(rows[-2], units, strict=True)
+    return [f"{title} [{unit}]" if unit in UNITS else title for title, unit in cells]
+
+
 def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     """The blocks of a text: runs of lines of as many fields, from where numbers begin,
     with titles of an earlier run if they have none. Raises ScanError for a lost field.
@@ -170,8 +184,7 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         if first == len(rows):
             continue
         count = len(rows[0])
-        titles = rows[first - 1] if first else above
-        titles = titles if len(titles) == count else []
+        titles = titles_in(rows[:first]) or (above if count == len(above) else [])
         if titles:
             above, end_above = titles, end
         # right under it, or without the first title
@@ -195,7 +208,8 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
 
 
 def sheet_blocks(path: Path) -> Iterator[Block]:
-    """The blocks of a workbook. Blank rows stay, as points that were not seen.
+    """The blocks of a workbook. Blank rows part the tables of a single sheet; in one of
+    several they stay, as points that were not seen.
 
     Raises ScanError.
     """
@@ -205,5 +219,7 @@ def sheet_blocks(path: Path) -> Iterator[Block]:
         raise ScanError(f"{path}: no workbook: is it damaged?") from error
     for name, cells in sheets.items():
         text = cells.to_csv(sep=";", header=False, index=False)
+        if len(sheets) == 1:
+            text, name = re.sub("(?m)^;+$", "", text), ""
         for block in text_blocks(path, text.encode()):
-            yield replace(block, sheet=name if len(sheets) > 1 else "")
+            yield replace(block, sheet=name)

@@ -41,6 +41,8 @@ NEAR_MM = 200.0  # few flanges stay so near: it may be cm or inches
 HINT = "--pose-columns says it; w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector, "
 HINT += "rad; alpha,beta,gamma: Stäubli; o,a,t; qw,qx,qy,qz"
 FANUC = named("FANUC angles").columns
+OF_ABB = named("quaternion").columns
+OF_LIBRARIES = ("qx", "qy", "qz", "qw")
 
 
 def poses_in(blocks: Iterable[Block], said: str) -> list[Part]:
@@ -113,7 +115,7 @@ def check_whose(poses: Part, entry: str) -> None:
 
 def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
     """Why there are no poses in a file. Behind a position, or three numbers, three are
-    likely W, P, R.
+    likely W, P, R, and four of unit length a quaternion.
     """
     blocks = [block for block in blocks if block.kind == "pose"]  # not tools
     if not blocks:
@@ -124,10 +126,14 @@ def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
     numeric = block.table.apply(to_numeric, errors="coerce").dropna(axis=1, how="all")
     own = [c for c in block.columns if c.at in numeric and c.role in {"", *OF_POSES}]
     position, turn = own[:3], own[3:]
-    likely = {}
-    if len(turn) == 3 and [c.role for c in position] in ([*XYZ], 3 * [""]):
-        unit = likely_angle(numeric[[column.at for column in turn]].to_numpy())
-        likely = likely_columns(position, XYZ, "") | likely_columns(turn, FANUC, unit)
+    numbers = numeric[[column.at for column in turn]].to_numpy()
+    roles, unit, likely = (), "", {}
+    if len(turn) == 3:
+        roles, unit = FANUC, likely_angle(numbers)
+    elif len(turn) == 4 and np.allclose(np.linalg.norm(numbers, axis=1), 1, atol=0.01):
+        roles = OF_ABB if turn[0].name in ("q0", "q1") else OF_LIBRARIES
+    if roles and [c.role for c in position] in ([*XYZ], 3 * [""]):
+        likely = likely_columns(position, XYZ, "") | likely_columns(turn, roles, unit)
     sentence = f"no pose in {said}" if said else "what are they?"
     return question_on_columns(block, sentence, likely)
 

@@ -59,6 +59,10 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
         found = f"column {z[0].title} rises from row to row, as numbers and times do"
         raise ScanError(f"{block.path}: {found}; give titles: n, z1, z2, …")
     beside = [column for column in block.columns if column not in (*x, *z)]
+    for column in beside:
+        if {"x", "z"} <= {str(cell).lower() for cell in block.table[column.at]}:
+            found = f"by column {column.title}, rows are of x and of z by turns"
+            raise ScanError(f"{block.path}: {found}; give columns x1, z1, x2, z2, …")
     places = np.broadcast_to(places_of(block, x, z, layout), heights.shape)
     rows = block.table[[column.at for column in beside]]
     table = rows.loc[rows.index.repeat(len(z))]

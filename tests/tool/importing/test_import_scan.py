@@ -137,6 +137,8 @@ FOLDERS |= {
         "KUKA angles or FANUC angles",
     ),
     "in cm": (listed("x,y,z,a,b,c", scale=0.1), "up to 101.7; cm, in or mm"),
+    "q1 to q4": (listed("x,y,z,q1,q2,q3,q4", convention="quaternion"), "what are they"),
+    "q0 to q3": (listed("x,y,z,q0,q1,q2,q3", convention="quaternion"), "qw,qx,qy,qz"),
     "of tcp": (listed("x_tcp,y_tcp,z_tcp,a_tcp,b_tcp,c_tcp"), "poses of tcp"),
     "no titles": (of_angles("", scale=0.001, angle=np.pi / 180), "what are they"),
     "radians in files": (
@@ -222,10 +224,18 @@ FOLDERS |= {
         each("p{}.txt", encoding="utf-16", begin=1),
         "from 0 and from 1",
     ),
+    "decimal commas between spaces": (listed("X Y Z A B C", between=" "), "in order"),
     "a pose before": (
         listed("Nr,X,Y,Z,A,B,C\nref,400,0,600,0,90,0\n0,400,0,600,0,90,0", "{n},{all}"),
         each("profile_{:03}.csv", begin=1),
         "number 1 in the names; left out, without a profile: ref, 0",
+    ),
+    "units below": (
+        upwards(
+            "Nr;X;Y;Z;A;B;C\n;[m];[m];[m];°;°;°", "{k};{all}", scale=1e-3, between=";"
+        ),
+        each("p{}.csv", "# x,z\r\n# mm,mm"),
+        "number 1 in the names",
     ),
     "milliseconds": (
         log_with_stops,
@@ -470,6 +480,13 @@ SAID = {
         edited("z.csv", "XP5;", "XP5;oops"),
         "--x 0 2",
         "z.csv line 6: column 2 is 'oops",
+    ),
+    "x and z by turns": (
+        tum,
+        a_file("z.csv", HEIGHTS_BY_XP),
+        edited("z.csv", "XP1;", "X;"),
+        edited("z.csv", "XP2;", "Z;"),
+        "by column 1, rows are of x and of z by turns",
     ),
     "thousands": (
         a_file("p.csv", "x;y;z;a;b;c" + 12 * "\n1,433;2.5;3;4;5;6"),
