@@ -115,7 +115,8 @@ class Block:
         for column in self.columns:
             owned[column.owner].setdefault(column.role, column)
         placed = {who: own for who, own in owned.items() if own.keys() >= {*XYZ}}
-        free = {c.role: c for c in self.columns if c.owner not in placed}
+        # as among those of an owner, the first of a role counts
+        free = {c.role: c for c in self.columns[::-1] if c.owner not in placed}
         for owner, own in placed.items():
             columns = free | own
             turns = conventions_in(own) or conventions_in(columns)
@@ -233,13 +234,12 @@ def roles_of_list(cells: DataFrame, name: str) -> tuple[list[str], str]:
     count = cells.shape[1]
     before, _, last = name.rpartition("_")
     first, _, after = name.partition("_")
-    # by a word, whose numbers they are; of a name that is one word all three are one
-    # word, and the last of them counts: nobody's
-    owners = {name: name, last: before, first: after}
+    # words, and whose numbers they are: nobody's by a name that is one word
+    owners = [(name, before and name), (last, before), (first, after)]
     if not name or count > 2:  # two numbers of any name are no x and z
-        owners["bare"] = name
+        owners.append(("bare", name))
     if cells.select_dtypes("number").shape == cells.shape:
-        for word, owner in owners.items():
+        for word, owner in owners:
             for roles in ROLES_OF_LIST.get((word, count), ()):
                 if has_constants(cells, roles):
                     return roles, owner

@@ -107,7 +107,7 @@ def read_folder(
     taken["files left out"] = listed(sorted(path.name for path in unused)) or "none"
     poses = robot_poses(of_poses, layout)
     rows = len(poses.table)
-    is_both = of_poses is of_profiles
+    is_both = of_poses.keys() == of_profiles.keys()
     profiles = read_profiles(of_profiles, 0 if is_both else rows, layout, taken)
     counts = [*map(len, profiles)]
     if is_both and sum(counts) == rows:  # the pose of each profile's first row

@@ -148,7 +148,8 @@ def row_where_numbers_begin(rows: list[list[str]]) -> int:
         words, numbers = np.isinf(row), np.isfinite(row)
         is_title = k + 1 < len(values) and (words & np.isfinite(values[k + 1])).any()
         is_below_titles = k and np.isinf(values[k - 1]).all()
-        if (is_below_titles or not is_title) and numbers.sum() > words.any():
+        least = 2 if words.any() else 1
+        if (is_below_titles or not is_title) and numbers.sum() >= least:
             return first
         if words.any() or not any(rows[k]):
             first = k + 1
