@@ -165,8 +165,11 @@ def why_open(R_flange: ndarray, frame: str) -> str:
             "inside each group of poses too"
         )
     main, across = name_axis(axis, frame), np.abs(axis)
-    # both others of an axis of the frame, or the one that is most nearly square to it
-    others = "xyz"[across.argmin()] if across.max() < ALONG else {*"xyz"} - {main[-1]}
+    # both others of an axis of the frame, or the one that is most nearly square to it;
+    # rounded, so that no last digit decides
+    others = {*"xyz"} - {main[-1]}
+    if across.max() < ALONG:
+        others = {"xyz"[across.round(1).argmin()]}
     whose = "its" if frame == "flange" else f"the {frame}'s"
     other = f"{whose} {' or '.join(sorted(others))}"
     if about_others < LEAST_TURN_DEG:
