@@ -23,7 +23,7 @@ def expression_of(line: str) -> re.Pattern:
     """
     line = re.sub(r"\s*([^\w\s$…⋮])\s*", r"\1", line)
     parts = [r"(?<!\w)" if line[0].isalnum() else ""]
-    for token in re.findall(r"\$[a-z]\w*|\w+|\s+|.", line):
+    for token in re.findall(r"\$[a-z]\w*|\w+(?:\|\w+)*|\s+|.", line):
         name = token[1:]
         if token[0] == "$" and name:
             cell = WORD if name in ("name", "tool", "base") else CELL
@@ -31,7 +31,7 @@ def expression_of(line: str) -> re.Pattern:
         elif token.isspace():
             parts.append(r"[ \t]+")
         elif token[0].isalnum():
-            parts.append(token)
+            parts.append(f"(?:{token})")
         else:
             parts.append(SIGNS.get(token) or rf"\s*{re.escape(token)}\s*")
     if token[0] == "$":  # the last token: what it finds is a whole word
@@ -52,9 +52,9 @@ def matches_of(lines: Sequence[str], text: str) -> tuple[DataFrame, str]:
     rows = {}
     lowered = text.lower()
     for line in lines:
-        words = re.findall(r"(?<![$\w])\w+", line.lower())
+        words = re.findall(r"(?<![$\w])[\w|]+", line.lower())
         # 30 times faster than the expression alone: 0.3 s for a program of 1.8 MB
-        if not all(word in lowered for word in words):
+        if not all(any(w in lowered for w in word.split("|")) for word in words):
             continue
         expression = expression_of(line)
         for match in expression.finditer(text):
