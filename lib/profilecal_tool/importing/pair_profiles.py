@@ -97,13 +97,15 @@ class Match(NamedTuple):
     rows: ndarray  # (P,) -1: none
     how: str
     keys: list  # of the poses
+    title: str  # of the column
 
 
 def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
     """The pairing by the labels, and the names or numbers in them, that serve most
     poses, and more than half of them and of the profiles.
 
-    Raises ScanError where two serve as many and differ, and where a label stands twice.
+    Raises ScanError where another column says otherwise of a profile, and where a label
+    stands twice.
     """
     matches = []
     for title, labels in poses.labels.items():
@@ -114,13 +116,17 @@ def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
             share = min((rows >= 0).mean(), served)
             if share > 0.5:
                 how = f"by {title} and the {what}"
-                matches.append(Match((is_whole, share), rows, how, keys))
+                matches.append(Match((is_whole, share), rows, how, keys, title))
     if not matches:
         return None
     best = max(matches, key=lambda match: match.rank)
     for other in matches:
-        differs = other.rows != best.rows
-        if other.rank == best.rank and differs.any():
+        both = (other.rows >= 0) & (best.rows >= 0)
+        differs = both & (other.rows != best.rows)
+        is_as_good = other.rank == best.rank
+        if other.title != best.title:  # a lost cell makes a label serve fewer
+            is_as_good = other.rank[0] == best.rank[0]
+        if is_as_good and differs.any():
             name = names[differs.argmax()]
             sentence = f"which pose has {name}: {best.how} or {other.how}?"
             hint = "Rename the profiles' files, or --pose-columns: _ for other columns"

@@ -191,6 +191,7 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         # right under it, or without the first title
         elif above and (begin == end_above or count == len(above) - 1):
             found = f"{count} fields; expected {len(above)}, as above"
+            found += " (--poses and --profiles say which files to read)"
             raise ScanError(f"{path} line {begin + 1}: {found}")
         titles = titles or counted(count)
         named = [k for k, t in enumerate(titles) if column_titled(k, t).role == "label"]

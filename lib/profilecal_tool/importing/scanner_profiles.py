@@ -302,7 +302,7 @@ def codes_in(z: ndarray, layout: Layout) -> list[float]:
     """
     codes = [code for code in (*UNIT_OF_CODE, layout.missing) if (z == code).any()]
     seen = z[np.isfinite(z)]
-    if 0 in seen and not seen.min() < 0 < seen.max():
+    if layout.missing is None and 0 in seen and not seen.min() < 0 < seen.max():
         codes = codes or [0.0]
     return codes
 

@@ -404,6 +404,18 @@ SAID = {
         "tool tother or tscan is declared, which no known line uses; are poses of it? "
         "(--tool 0 0 0 0 0 0: of the flange)… --where tool=NAME",
     ),
+    "zeros that are heights": (
+        tum,
+        each(nothing="0,0"),
+        "--missing 1e9",
+        "blank: 0 of 240 points",
+    ),
+    "a label that lost a cell": (
+        upwards("n,scan_no,x,y,z,a,b,c", "{at},{k},{all}"),
+        edited("poses.csv", ",5,", ",,"),
+        one_each,
+        "which pose has scan_000",
+    ),
     "two labels of a pose": (
         listed("n,x,y,z,a,b,c", "{k},{all}"),
         people.long_table,
