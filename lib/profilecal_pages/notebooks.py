@@ -246,9 +246,10 @@ def workers(scheduler: str | None = None) -> Iterator:
                     threads_per_worker=1,
                     memory_limit=None,
                     dashboard_address="127.0.0.1:0",
-                    # Ctrl-C is for us
+                    # Ctrl-C is for us, and the last words of a kernel for nobody
                     preload=[
-                        "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+                        "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)",
+                        "import os; os.dup2(os.open(os.devnull, os.O_WRONLY), 2)",
                     ],
                     silence_logs=logging.CRITICAL,
                 )
