@@ -155,8 +155,8 @@ def moved(words: list[str], single: list[Evidence], without: ndarray) -> list[st
     best = int(np.argmax(with_one))
     if with_one[best] - without.max() < np.log(count / FALSE_ALARM):
         return []
-    moved = " and ".join(how_far(single[best].likeliest * UNIT))
-    return [words[best % count].replace("{}", moved)]
+    far = " and ".join(how_far(single[best].likeliest * UNIT))
+    return [words[best % count].replace("{}", far)]
 
 
 def robot_patterns(problem: Problem) -> list[Perturbation]:

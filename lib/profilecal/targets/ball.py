@@ -66,7 +66,7 @@ class Ball(Round):
     @staticmethod
     def fit(points: ndarray) -> Fitted:
         centre, radius = fit_sphere(points)
-        return centre, np.eye(3) + 0 * centre[..., None], (radius,)
+        return centre, np.broadcast_to(np.eye(3), (*centre.shape, 3)), (radius,)
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """Three great circles."""

@@ -54,7 +54,7 @@ class Point(Target):
     @staticmethod
     def fit(points: ndarray) -> Fitted:
         middle = points.mean(axis=-2)
-        return middle, np.eye(3) + 0 * middle[..., None], ()
+        return middle, np.broadcast_to(np.eye(3), (*middle.shape, 3)), ()
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """A cross."""

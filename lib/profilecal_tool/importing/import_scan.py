@@ -121,8 +121,8 @@ def read_folder(
 def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
     """The files of a folder by what they are called but for numbers, as scan_*.csv, and
     by patterns that a user says; with their blocks, of the rows that are wanted, and
-    with a point in each row. Where a user says both patterns, of the other files only
-    what they declare as programs, such as tools. Raises ScanError.
+    with a point in each row. Where a user says both patterns, the other files may say
+    what tool the poses have, and those that cannot be read are empty. Raises ScanError.
     """
     said = [pattern for pattern in (layout.poses, layout.profiles) if pattern]
     # a file of both patterns is of the one that has fewer
@@ -131,6 +131,8 @@ def families_in(folder: Path, layout: Layout) -> dict[str, Files]:
     for path in sorted_files(folder, "**/*"):
         if path not in paths and is_readable(path):
             paths[path] = re.sub(r"\d+", "*", escape(str(path.relative_to(folder))))
+    if not paths:
+        raise ScanError(f"{folder}: no files; is the folder right?")
     families = {}
     for path, name in watched([*paths.items()], "reading"):
         blocks = families.setdefault(name, {})[path] = []

@@ -85,8 +85,9 @@ def paired_in_order(
     for column in poses.having("label"):
         numbers = to_numeric(poses.table[column.at], errors="coerce").dropna()
         if not used and not numbers.is_monotonic_increasing:
-            found = f"{poses.title(column)} goes up and down; profiles have no number"
-            raise ScanError(f"{poses.path}: {found}; sort the rows, or name files")
+            title = poses.title(column)
+            sentence = f"{title} goes up and down, and profiles have no such number"
+            raise ScanError(f"{poses.path}: {sentence}; sort the rows, or name files")
     return Pairing(rows, "in order of the lines that use them" if used else "in order")
 
 

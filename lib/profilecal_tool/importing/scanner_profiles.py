@@ -259,7 +259,8 @@ def question_on_points(blocks: list[Block], said: str) -> ScanError:
     as counts and intensities are.
     """
     block = max(blocks, key=lambda block: len(block.table))
-    sentence = f"no {said or 'x and z'} in columns {listed(block.titles)}"
+    unknown = [t for t in said.split(",") if t and not columns_called(block, t)]
+    sentence = f"no {listed(unknown) or 'x and z'} in columns {listed(block.titles)}"
     row = f"a row is {listed(block.table.iloc[len(block.table) // 2])}"
     sentence = f"{block.path}: {sentence}; {row}; --columns says them"
     numeric = block.table.select_dtypes("number")

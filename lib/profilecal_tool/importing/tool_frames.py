@@ -137,8 +137,8 @@ def frame_of_tool(
     if len(frames) == 1:
         return frames.pop()
     if used not in {"", *WORDS["no_tool"]} or frames:
-        which = used or "without a name"
-        sentence = f"poses are of tool {which}, of which {len(frames)} frames are here"
+        which = f"tool {used}" if used else "a tool without a name"
+        sentence = f"poses are of {which}, of which {len(frames)} frames are here"
         hint = "where is it on the flange? (X Y Z in mm, angles as poses have)"
         letters = map(str.upper, (*XYZ, *convention_of_tool(poses).columns))
         raise Question(f"{poses.path}: {sentence}; {hint}", tool=[*letters])

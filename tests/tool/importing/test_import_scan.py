@@ -520,7 +520,7 @@ SAID = {
         tum,
         each(titles="", columns=("0.5",)),
         "--columns x,2",
-        "no x,2 in columns 1, 2, 3; a row is 0.5, 9.125, 89.5; --columns says them\n",
+        "no x in columns 1, 2, 3; a row is 0.5, 9.125, 89.5; --columns says them\n",
     ),
     "one column": (tum, "--columns 2,2", "x and z are one column"),
     "four columns": (tum, "--columns _,x,z,_", "expected two"),
@@ -562,7 +562,7 @@ SAID = {
         "joint angles: export Cartesian poses",
     ),
     "tools alone": (nothing, one_each, a_file("f.va", FRAMES), "f.va: no poses"),
-    "nothing": (nothing, nothing, "no file holds the poses"),
+    "nothing": (nothing, nothing, "in: no files"),
     "no poses": (nothing, one_each, "no file holds the poses"),
     "two numbers": (
         upwards("Zeile,Bahnpunkt,X,Y,Z,A,B,C", "{at},{k},{all}"),
