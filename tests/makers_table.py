@@ -14,7 +14,7 @@ def table():
     """A row for each robot, with its example."""
     lines = ["| robot | a line of its file |", "| --- | --- |"]
     for maker, robot in ROBOTS.items():
-        example = robot.examples[0].replace("|", "\\|")
+        example = robot.pose[0][1].replace("|", "\\|")
         lines.append(f"| {maker} | `{example}` |")
     return "\n".join([*lines, ""])
 

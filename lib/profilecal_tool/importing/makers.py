@@ -5,10 +5,11 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from profilecal.scan.conventions import CONVENTIONS, Convention
 from profilecal.scan.tables import ScanError, listed, naming
+from profilecal.scan.toml import check_entries, one_of
 
 XYZ = tuple("xyz")
 OF_POSES = {*XYZ, *(name for one in CONVENTIONS for name in one.columns)}
@@ -33,7 +34,15 @@ for roles, words in TABLE["lists"].items():
         ROLES_OF_LIST[word, len(roles.split())].append(roles.split())
 
 
-Lines = Sequence[str]  # as the head of makers.toml says
+def are_forms(value: Any) -> bool:
+    """Whether an entry of a row is a list of pairs of texts."""
+    pairs = value if isinstance(value, list) else [value]
+    return all(isinstance(p, list) and [*map(type, p)] == [str, str] for p in pairs)
+
+
+FORMS = are_forms, '[["what a line looks like", "a line of a file"], …]'
+Forms = Annotated[Sequence[tuple[str, str]], FORMS]  # of lines, each with an example
+TEXTS = (lambda value: isinstance(value, list)), '["!"]'
 
 
 @dataclass(frozen=True)
@@ -41,19 +50,30 @@ class Robot:
     """A row of [[robot]]; the head of makers.toml says what each entry is."""
 
     maker: str
-    pose: Lines
-    examples: Lines
+    pose: Forms
     has: str = ""
-    remarks: Lines = ()
-    tool: Lines = ()
-    base: Lines = ()
-    uses: Lines = ()
-    moved: Lines = ()
-    tools_in: str = "tool"
-    unit: str = "mm"
+    remarks: Annotated[Sequence[str], TEXTS] = ()
+    unit: Annotated[str, one_of(LENGTH_UNITS)] = "mm"
+    tool: Forms = ()
+    tools_in: Annotated[str, one_of(("tool", "pose"))] = "tool"
+    base: Forms = ()
+    uses: Forms = ()
+    moved: Forms = ()
+
+    def forms(self, kind: str) -> list[str]:
+        """What its lines of a kind look like."""
+        return [form for form, _ in getattr(self, kind)]
 
 
-ROBOTS = {row["maker"]: Robot(**row) for row in TABLE["robot"]}
+def robot_of(row: dict[str, Any]) -> Robot:
+    """The robot of a row. Raises ScanError for an entry that is missing, unknown or of
+    another kind, with the maker and what is expected.
+    """
+    check_entries(f"{PATH}: robot {row.get('maker', '')!r}", row, Robot)
+    return Robot(**row)
+
+
+ROBOTS = {robot.maker: robot for robot in map(robot_of, TABLE["robot"])}
 
 
 def scale_of(

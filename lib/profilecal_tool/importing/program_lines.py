@@ -17,13 +17,13 @@ SIGNS = {"…": r"[^{};<>\n]*?", "⋮": r"[^{};<>]*?", "^": r"^[ \t]*(?:\d+[ \t]
 NONE = DataFrame()  # one for all: to make each takes longer than to look for lines
 
 
-def expression_of(line: str) -> re.Pattern:
-    """The expression for a line of makers.toml, of "P$name=($x," one that finds
+def expression_of(form: str) -> re.Pattern:
+    """The expression for a form of makers.toml, of "P$name=($x," one that finds
     "P1 = ( 400.5, ", with a group name that is 1 and a group x that is 400.5.
     """
-    line = re.sub(r"\s*([^\w\s$…⋮])\s*", r"\1", line)
-    parts = [r"(?<!\w)" if line[0].isalnum() else ""]
-    for token in re.findall(r"\$[a-z]\w*|\w+(?:\|\w+)*|\s+|.", line):
+    form = re.sub(r"\s*([^\w\s$…⋮])\s*", r"\1", form)
+    parts = [r"(?<!\w)" if form[0].isalnum() else ""]
+    for token in re.findall(r"\$[a-z]\w*|\w+(?:\|\w+)*|\s+|.", form):
         name = token[1:]
         if token[0] == "$" and name:
             cell = WORD if name in ("name", "tool", "base") else CELL
@@ -47,16 +47,18 @@ def blanked(expression: str | re.Pattern, text: str) -> str:
     return re.sub(expression, lambda match: re.sub(r"[^\n]", " ", match[0]), text)
 
 
-def matches_of(lines: Sequence[str], text: str) -> tuple[DataFrame, str]:
-    """What stands in such lines, by the number of the line, and the text without."""
+def matches_of(forms: Sequence[str], text: str) -> tuple[DataFrame, str]:
+    """What stands in lines of these forms, by the number of the line, and the text
+    without them.
+    """
     rows = {}
     lowered = text.lower()
-    for line in lines:
-        words = re.findall(r"(?<![$\w])[\w|]+", line.lower())
+    for form in forms:
+        words = re.findall(r"(?<![$\w])[\w|]+", form.lower())
         # 30 times faster than the expression alone: 0.3 s for a program of 1.8 MB
         if not all(any(w in lowered for w in word.split("|")) for word in words):
             continue
-        expression = expression_of(line)
+        expression = expression_of(form)
         for match in expression.finditer(text):
             rows[match.start()] = match.groupdict()
         text = blanked(expression, text)
@@ -85,7 +87,7 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
         # a listing of tools is no program: it has no text that programs have
         kinds = every if robot.has in text else ("tool",)
         for kind in kinds:
-            table, without = matches_of(getattr(robot, kind), rest)
+            table, without = matches_of(robot.forms(kind), rest)
             if kind not in OF_MOVES:  # a move may have a pose in it, which comes later
                 rest = without
             if len(table):

@@ -11,7 +11,6 @@ import shutil
 import subprocess
 import sys
 from contextlib import suppress
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -49,8 +48,9 @@ from profilecal.scan.conventions import from_rotations, named
 from profilecal.scan.folder import read_scan
 from profilecal.scan.tables import ScanError
 from profilecal_tool.importing.import_scan import Layout, import_scan
-from profilecal_tool.importing.makers import ROBOTS
+from profilecal_tool.importing.makers import ROBOTS, robot_of
 from profilecal_tool.importing.program_lines import matches_of, program_blocks
+from profilecal_tool.importing.robot_poses import pose_entries, robot_poses
 from profilecal_tool.importing.tool_frames import lines_of_program
 
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "30"))
@@ -672,27 +672,52 @@ def test_what_a_user_knows_is_kept_and_pictures_are_passed_over(tmp_path):
 
 
 @pytest.mark.parametrize("maker", ROBOTS)
-def test_each_line_of_the_table_has_an_example_that_is_read(maker):
+def test_each_form_of_a_line_takes_its_example(maker):
     robot = ROBOTS[maker]
-    examples = iter(robot.examples)
     for kind in ("pose", "tool", "base", "uses", "moved"):
-        lines = getattr(robot, kind)
-        own = [*islice(examples, len(lines))]
-        names = []
-        for line, example in zip(lines, own, strict=True):
-            table, _ = matches_of([line], example)
-            assert len(table.dropna(axis=1)) == 1, line
+        names, examples = [], []
+        for form, example in getattr(robot, kind):
+            table, _ = matches_of([form], example)
+            fits = len(table.dropna(axis=1)) == 1
+            assert fits, f"makers.toml: {maker}: {form} is not the form of {example}"
             names += [*table.get("name", [])]
-        blocks = [*program_blocks(Path(), "\n".join([robot.has, *own]))]
+            examples.append(example)
+        blocks = program_blocks(Path(), "\n".join([robot.has, *examples]))
         rows = lines_of_program(blocks, maker)[kind]
-        assert len(rows) == len(own)
+        assert len(rows) == len(examples)
         assert names == [row["name"] for row in rows if row.get("name")]
-        if kind == "pose":
-            found = any(block.poses for block in blocks)
-            assert found, "no $x $y $z, or no columns of a convention"
         if kind == "uses":
             assert all(row.keys() <= {"name", "tool", "base"} for row in rows)
-    assert not [*examples], "more examples than lines"
+
+
+# the first example of each maker is one pose; or that of its own row, if it has one
+SAME = "1101.8 -35.7 95.9", ".496 .17 -.851  .393 -.918 .046  -.774 -.357 -.523"
+EXPECTED = dict.fromkeys(ROBOTS, SAME) | {"Mecademic": ("250 -35.7 95.9", SAME[1])}
+
+
+@pytest.mark.parametrize("maker", ROBOTS)
+def test_a_first_example_is_at_this_position_and_turned_so(maker):
+    robot, path = ROBOTS[maker], Path(maker)
+    program = f"{robot.has}\n{robot.pose[0][1]}"
+    found = robot_poses({path: [*program_blocks(path, program)]}, Layout())
+    entries = pose_entries(found, ["p"], {})
+    position, matrix = (np.array(text.split(), float) for text in EXPECTED[maker])
+    assert_allclose(entries["p_base_flange"][0], position, atol=0.4)
+    assert_allclose(entries["R_base_flange"][0].ravel(), matrix, atol=0.002)
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ({"poses": []}, "robot 'Acme': unknown entry 'poses'; there are maker, pose"),
+        ({"pose": ["P $x"]}, "robot 'Acme': pose is ['P $x']; expected [["),
+        ({"maker": 7}, "robot 7: maker is 7; expected one line of text"),
+        ({"unit": "km"}, "unit is 'km'; expected mm"),
+    ],
+)
+def test_a_row_says_what_a_row_may(entry, words):
+    with pytest.raises(ScanError, match=re.escape(words)):
+        robot_of({"maker": "Acme", "pose": []} | entry)
 
 
 def test_a_pattern_takes_a_whole_name_and_stands_in_its_own_line():
@@ -702,7 +727,7 @@ def test_a_pattern_takes_a_whole_name_and_stands_in_its_own_line():
     assert table["name"].tolist() == ["7"]
     table, _ = matches_of(["{X $x}"], "home\n\n  {X 5}")
     assert table.index.tolist() == [3]
-    remark = f"<!--\n{ROBOTS['Stäubli'].examples[0]}\n-->"
+    remark = f"<!--\n{ROBOTS['Stäubli'].pose[0][1]}\n-->"
     pulses = "///PULSE\nC00000=1,2,3,4,5,6\n///RECTAN\n"
     assert not [*program_blocks(Path(), remark + pulses)]
 
