@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pandas import DataFrame
@@ -51,41 +51,62 @@ def tools_in_data(blocks: Iterable[Block], poses: Part) -> list[dict[str, Any]]:
     return tools
 
 
+class Use(NamedTuple):
+    """A line of a program that says which frame moves have; in small letters."""
+
+    pose: str  # the one that is moved to; "" where the line names none
+    frame: str
+
+
 def of_one_frame(
     poses: Part, program: Program, which: str, layout: Layout
 ) -> tuple[Part, str]:
-    """The poses that have one tool or base, as programs and columns say, and its name,
-    "" if none is known, or if lines say of some poses alone that they have none.
+    """The poses of one frame, and its name: the one that a user says, or else the only
+    one that there is; "" if none is known. `which`: "tool" or "base".
 
-    Raises Question where they have several; ScanError where lines that name no pose do.
+    Raises ScanError; Question where poses have several.
     """
-    # a pose's name, "" where a line names none, and its frame's
     rows = [row for row in program["uses"] if row.get(which)]
-    uses = [(row.get("name", "").lower(), row[which].lower()) for row in rows]
-    option, said = layout.wanted
-    if option == which:
-        uses.append(("", said))
-    of_all = sorted({frame for pose, frame in uses if not pose})
-    if len(of_all) > 1:
-        sentence = f"no line says which poses are of {which} {' or '.join(of_all)}"
+    uses = [Use(row.get("name", "").lower(), row[which].lower()) for row in rows]
+    column, said = layout.wanted
+    if column == which:
+        uses.append(Use("", said))
+    of_all = frame_of_all(poses, uses, which)
+    if column == which:
+        return without(poses, {use.pose for use in uses if use.frame != said}), said
+    return poses, only_frame(poses, uses, which, of_all)
+
+
+def frame_of_all(poses: Part, uses: list[Use], which: str) -> str:
+    """The frame of the lines that name no pose; "" if there are none. Raises ScanError
+    where they have several.
+    """
+    frames = sorted({use.frame for use in uses if not use.pose})
+    if len(frames) > 1:
+        sentence = f"no line says which poses are of {which} {' or '.join(frames)}"
         raise ScanError(f"{poses.path}: {sentence}; split it, one per {which}")
-    if option == which:
-        return without(poses, {pose for pose, frame in uses if frame != said}), said
-    frames = [frame for _, frame in uses]
-    for column in poses.having(which):
-        frames += [label_of(cell).lower() for cell in poses.table[column.at]]
-    names = [*dict.fromkeys(frames)]
-    # what is offered first, of those used equally often: a program's first tool, or
-    # else the flange
-    names.sort(key=lambda name: (name in WORDS[f"no_{which}"]) == bool(poses.robot))
+    return "".join(frames)
+
+
+def only_frame(poses: Part, uses: list[Use], which: str, of_all: str) -> str:
+    """The one frame that lines and columns say; "" if there is none, or if lines say of
+    some poses alone that they have none.
+
+    Raises Question for several. Its answer is the frame of all, or the one that is used
+    most often: of equals a program's first tool, but in a table the flange.
+    """
+    columns = [poses.table[column.at] for column in poses.having(which)]
+    in_columns = [label_of(cell).lower() for cells in columns for cell in cells]
+    frames = [use.frame for use in uses] + in_columns
+    names, none = [*dict.fromkeys(frames)], WORDS[f"no_{which}"]
     if len(names) > 1:
-        several = f"{poses.path}: moves have {which}s {listed(names)}"
-        answer = f"{which}={max(of_all or names, key=frames.count)}"
-        raise Question(f"{several}; of which are the poses?", where=answer)
+        names.sort(key=none.__contains__, reverse=not poses.robot)
+        answer = of_all or max(names, key=frames.count)
+        sentence = f"moves have {which}s {listed(names)}; of which are the poses?"
+        raise Question(f"{poses.path}: {sentence}", where=f"{which}={answer}")
     labels = {label.lower() for label in poses.labels.get("name", [""])}
-    is_of_each = of_all or poses.having(which) or labels <= {*dict(uses)}
-    known = [n for n in names if is_of_each or n not in WORDS[f"no_{which}"]]
-    return poses, "".join(known)
+    of_each = of_all or columns or labels <= {use.pose for use in uses}
+    return "".join(name for name in names if of_each or name not in none)
 
 
 def without(poses: Part, names: set[str]) -> Part:
@@ -98,19 +119,19 @@ def without(poses: Part, names: set[str]) -> Part:
 def of_one_tool(
     poses: Part, program: Program, layout: Layout, taken: Taken
 ) -> tuple[Part, Sequence[float] | None]:
-    """The poses of one tool, and its position and angles as they stand; None if it is
-    the flange. Raises Question.
+    """The poses of one tool, and its numbers: position and angles as they stand; None
+    if it is the flange. Raises Question.
     """
     poses, base = of_one_frame(poses, program, "base", layout)
     poses, used = of_one_frame(poses, program, "tool", layout)
-    tool, words = None, "none; taken for the flange's poses"
+    numbers, words = None, "none; taken for the flange's poses"
     if layout.tool:
-        tool, words = layout.tool, "the one given, taken off"
+        numbers, words = layout.tool, "the one given, taken off"
     else:
         kind = ROBOTS[poses.robot].tools_in if used and poses.robot else "tool"
-        tool = frame_of_tool(poses, program, used, kind)
-        if tool:
-            words = f"{used or 'one'} at {[*tool[:3]]}, taken off"
+        numbers = numbers_of_tool(poses, program[kind], used)
+        if numbers:
+            words = f"{used or 'one'} at {[*numbers[:3]]}, taken off"
         if kind == "pose":
             poses = without(poses, {used})
     if base not in {"", *WORDS["no_base"]}:
@@ -118,32 +139,32 @@ def of_one_tool(
     if program["moved"]:
         words += "; moves beside poses, such as offsets, are not read"
     taken["tool"] = words
-    return poses, tool
+    return poses, numbers
 
 
-def frame_of_tool(
-    poses: Part, program: Program, used: str, kind: str
+def numbers_of_tool(
+    poses: Part, rows: list[dict[str, Any]], used: str
 ) -> Sequence[float] | None:
-    """The frame of the tool that poses have, as lines of a kind say it, in the
-    convention of the poses; None where there are no tools. Raises Question.
+    """The numbers of the tool that poses have, of rows that say them of tools, in the
+    poses' convention; None where there are no tools. Raises Question.
     """
-    tools = []
+    tools = []  # names and numbers
     with naming(f"{poses.path}: tool"):
-        for row in program[kind]:
+        for row in rows:
             numbers = tuple(float(row.get(role, "nan")) for role in poses.chosen)
             tools.append((row.get("name", "").lower(), numbers))
     # one that is declared without a name is used at once
-    frames = {own for name, own in tools if name == used and np.isfinite(own).all()}
-    if len(frames) == 1:
-        return frames.pop()
-    if used not in {"", *WORDS["no_tool"]} or frames:
+    own = {found for name, found in tools if name == used and np.isfinite(found).all()}
+    if len(own) == 1:
+        return own.pop()
+    if own or used not in {"", *WORDS["no_tool"]}:
         which = f"tool {used}" if used else "a tool without a name"
-        sentence = f"poses are of {which}, of which {len(frames)} frames are here"
+        sentence = f"poses are of {which}, of which {len(own)} frames are here"
         hint = "where is it on the flange? (X Y Z in mm, angles as poses have)"
         letters = map(str.upper, (*XYZ, *convention_of_tool(poses).columns))
         raise Question(f"{poses.path}: {sentence}; {hint}", tool=[*letters])
     # what is at the flange's origin is none
-    declared = sorted({name for name, numbers in tools if any(numbers[:3])})
+    declared = sorted({name for name, found in tools if any(found[:3])})
     if declared and not used:
         answer = declared[0] if len(declared) == 1 else "NAME"
         sentence = f"tool {' or '.join(declared)} is declared, which no known line uses"
