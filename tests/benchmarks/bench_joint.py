@@ -58,13 +58,13 @@ def scan_row(name: str, kind: str, measured: str, most: float) -> dict:
     The other starts 5 mm and 3° off, with the target where that sees it, and knows the
     scanner's noise alone.
 
-    Aimed at are 10 times as long for edge points, 6 for ball arcs, 4 for profiles. What
-    is reached is the limit here. Of the 25 ms for edge points, of which the other takes
-    2.3, the search without a guess takes 7: from 12 rotations at once, 8 steps. The
-    errors' sizes take 8: 5 steps of Newton's method, and 47 sets of sizes to average
-    over. The two linear models with their derivatives, and the tests, take 6; descent,
-    rejection and conclusions, 4. A ball's search has 60 rotations. For 60 poses nearly
-    all of it is what calls of NumPy cost, some 14,000 calls of functions in all.
+    Aimed at are 10 times as long for edge points, 6 for ball arcs, 4 for profiles. Of
+    the 25 ms for edge points, of which the other takes 2.3, half goes to the errors'
+    sizes: Newton's method to the likeliest, and 78 sets of sizes to average over, those
+    of a robot whose errors are smooth alone among them. The search without a guess
+    takes a sixth, from 12 rotations at once; a ball's search has 60. The linear models
+    with their derivatives, and the tests, take a quarter. For 60 poses nearly all of it
+    is what calls of NumPy cost, some 14,500 calls of functions in all.
     """
     plan = {"groups": 12, "positions": 5, "measured": measured}
     scan, truth = pc.simulate(kind, seed=3, **plan)

@@ -229,6 +229,8 @@ def check_effects(spec: Spec) -> None:
     unused = {"accuracy_mm": noise.accuracy_mm, "accuracy_deg": noise.accuracy_deg}
     if spec.motion:
         unused |= vars(spec.robot) | {"repeats": spec.repeats - 1}
+    else:
+        unused["jitter_ms"] = noise.jitter_ms
     if not TARGETS[spec.kind].steered:
         unused["steering_mm"] = noise.steering_mm
     for name, size in unused.items():

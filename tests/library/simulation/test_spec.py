@@ -56,6 +56,7 @@ IMPOSSIBLE = {
     "link_mm has no effect": {"motion": {}, "robot": {"link_mm": 0.2}},
     "repeats has no effect": {"motion": {}, "repeats": 2},
     "accuracy_mm has no effect": {"noise": {"accuracy_mm": 0.3}},
+    "jitter_ms has no effect": {"noise": {"jitter_ms": 0.5}},
     "steering_mm has no effect": {"motion": {}, "noise": {"steering_mm": 0.3}},
 }
 
