@@ -18,6 +18,9 @@ ROUNDS = 60  # Newton's steps at most; four or five are usual
 # a step this small, as a fraction of the eigenvalue's scale, is rounding: the next
 # would be its square
 SETTLED = 1e-14
+# what points spread across their line, over what they spread in all, both squared,
+# that is rounding
+ON_LINE = 1e-12
 GIVING_NAN = np.errstate(divide="ignore", invalid="ignore")  # not warnings
 # of x and z; their products have the moments of the fourth order and less
 MONOMIALS = (0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)
@@ -103,11 +106,16 @@ def _secular(M: Sequence[ndarray], sign: int) -> ndarray:
     """The v₁, v₂ (2, ...) that minimise vᵀ M v with v₀² - sign (v₁² + v₂²) fixed and
     v₀ = 1; symmetric M as 00, 01, 02, 11, 12, 22.
 
-    The eigenvalue λ is a root of g(λ) = M₀₀ - λ - mᵀ (M₁₁ + sign λ I)⁻¹ m, which is
-    concave and falls. For sign = 1 Newton's steps from λ = M₀₀, where g ≤ 0, descend to
-    the positive root; for -1 from λ = 0 to the smallest.
+    The eigenvalue λ is the positive root, the only one, for sign = 1, and the smallest
+    for -1, of the characteristic polynomial g(λ) D(λ), where
 
-    The inverse times -m is v, so that g = M₀₀ - λ + m·v and g' = sign v·v - 1.
+        D = |M₁₁ + sign λ 1|        g = M₀₀ - λ - mᵀ (M₁₁ + sign λ 1)⁻¹ m
+
+    All its roots are real. Newton's steps from beyond the outermost of them go to it
+    and not past it: from λ = M₀₀, where g ≤ 0, down; for -1 from λ = 0 up.
+
+    The inverse times -m is v, so that g = M₀₀ - λ + m·v and g' = sign v·v - 1; and D' /
+    D = sign (a + c) / D, where a and c are the diagonal of M₁₁ + sign λ 1.
     """
     m00, m01, m02, m11, m12, m22 = M
     value, rounding = m00 * (sign > 0), SETTLED * (m00 + m11 + m22)
@@ -117,7 +125,7 @@ def _secular(M: Sequence[ndarray], sign: int) -> ndarray:
         v1 = (m12 * m02 - c * m01) / det
         v2 = (m12 * m01 - a * m02) / det
         g = m00 - value + m01 * v1 + m02 * v2
-        step = g / (1 - sign * (v1**2 + v2**2))
+        step = g / (1 - sign * (v1**2 + v2**2 + g * (a + c) / det))
         value = value + step
         if not (np.abs(step) > rounding).any():
             break
@@ -149,6 +157,7 @@ def circle_from_moments(means: Sequence[ndarray] | ndarray) -> ndarray:
     """
     ww, wx, wz, xx, xz, zz = means
     w = xx + zz
+    w = np.where(xx * zz - xz**2 > ON_LINE * w**2, w, np.nan)
     size = 2 * np.sqrt(w)
     M = (ww - w**2) / size**2, wx / size, wz / size, xx, xz, zz
     x, z = -size / 2 * _secular(M, -1)

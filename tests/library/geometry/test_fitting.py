@@ -63,11 +63,23 @@ def textbook_taubin(points):
 
 
 def test_noisy_arcs_equal_the_textbook_eigenproblem():
+    """Flat ones, too, which noise bends more than the circle does."""
     rng = default_rng(5)
-    angle = np.linspace(0.6, 2.4, 300)
-    for sigma in (0.01, 0.1, 1.0):
+    for sigma, half in (0.01, 0.9), (0.1, 0.9), (1.0, 0.9), (0.05, 0.06), (0.1, 0.06):
+        angle = np.pi / 2 + np.linspace(-half, half, 300)
         points = 50 * on_circle(angle) + rng.normal(0, sigma, (300, 2))
-        assert_allclose(fit_circle(points), textbook_taubin(points), rtol=0, atol=1e-8)
+        assert_allclose(fit_circle(points), textbook_taubin(points), 1e-7, 1e-6)
+
+
+def test_points_on_a_line_of_a_grid_have_no_circle():
+    """Rounding leaves them a little beside it."""
+    rng = default_rng(0)
+    steps, direction = (
+        rng.integers(1, 100, (300, 3, 1)),
+        rng.integers(-9, 9, (300, 1, 2)),
+    )
+    points = np.round(50 + 0.1 * np.cumsum(steps, axis=1) * direction, 1)
+    assert np.isnan(fit_circle(points)).all()
 
 
 def test_points_on_a_sphere_give_it_back_and_those_on_a_circle_the_smallest_one():
