@@ -245,7 +245,7 @@ def taken(scene: Scene, spec: Spec, rng: Generator) -> Frames:
     R, T = scene.poses
     group = scene.observations.labels[:: T.shape[1]]
     R, T = actual_poses(R, T, spec.noise, rng, group, spec.to_hand)
-    arm = default_rng(np.append(spec.seed, 0))
+    arm = default_rng(np.append(spec.seed, 1))
     return spec.robot.built(R.reshape(-1, 3, 3), T.reshape(-1, 3), arm)
 
 
