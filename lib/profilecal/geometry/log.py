@@ -52,9 +52,12 @@ class Log:
         return CubicSpline(t, self.p[rows]), RotationSpline(t, R)
 
     def away(self, times: ndarray) -> ndarray:
-        """How far times (P,) are from the nearest row, (P,) s."""
-        nearest = np.searchsorted((self.t[:-1] + self.t[1:]) / 2, times)
-        return np.abs(times - self.t[nearest])
+        """How far times (P,) are from the nearest row of a piece, (P,) s."""
+        t = np.concatenate(
+            [self.t[first : last + 1] for first, last in self.pieces[0].T]
+        )
+        nearest = np.searchsorted((t[:-1] + t[1:]) / 2, times)
+        return np.abs(times - t[nearest])
 
     def at(self, times: ndarray) -> tuple[ndarray, ndarray, ndarray]:
         """Where the flange is at times (P,): R (P, 3, 3), p (P, 3) mm, and its twist

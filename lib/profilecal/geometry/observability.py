@@ -55,13 +55,13 @@ class Spectrum:
 
 
 def spectrum(information: ndarray, units: ndarray) -> Spectrum:
-    """Of information matrices (..., n, n), the sensor pose first; `units` (n,) are
-    known by hand, mm and rad.
+    """Of information matrices (..., n, n), the sensor pose first. `units` (n,): the sd
+    of each parameter if it is measured by hand, mm and rad.
     """
     values, vectors = np.linalg.eigh(units[:, None] * information * units)
     largest = values[..., -1:]
     rank = (values > NO_RANK * largest).sum(axis=-1)
-    pose = HAND_PRECISION[:, None] * vectors[..., :6, :]
+    pose = units[:6, None] * vectors[..., :6, :]
     # smaller eigenvalues are rounding
     variances = 1 / np.maximum(values, 1e-14 * largest)
     covariance = (pose * variances[..., None, :]) @ pose.mT
@@ -156,7 +156,7 @@ def why_open(R_flange: ndarray, frame: str) -> str:
     spread, about_others = np.linalg.norm(angles), np.linalg.norm(angles[1:])
     if spread < LEAST_TURN_DEG:
         return (
-            f"all flange orientations agree within {max(spread, 0.01):.2g}°; "
+            f"all flange orientations differ by only {max(spread, 0.01):.2g}°; "
             "add poses tilted by 15° or more about two axes"
         )
     if not about_others < ENOUGH_TURN_DEG:

@@ -44,10 +44,8 @@ def angle_between(first: ndarray, second: ndarray) -> ndarray:
 
 
 def chord(angle_deg: float) -> float:
-    """By how much rotation matrices A and B differ that are so far apart,
-    ‖A - B‖ = 2 √(1 - cos θ).
-    """
-    return 2 * np.sqrt(1 - np.cos(np.radians(angle_deg)))
+    """‖A - B‖ of rotation matrices A and B that are so far apart (`angle_between`)."""
+    return np.sqrt(8) * np.sin(np.radians(angle_deg) / 2)
 
 
 def rotation_groups(R: ndarray) -> ndarray:
@@ -68,8 +66,8 @@ def rotation_groups(R: ndarray) -> ndarray:
 
 def check_alike(name: str, R: ndarray, labels: ndarray) -> ndarray:
     """The number (n,), from 0, of the group that each orientation R (n, 3, 3) has a
-    label (n,) of. Raises ValueError where those of one label differ by more than 1°.
-    `name` is the argument that holds R.
+    label (n,) of. Raises ValueError where one differs from the first of its label by
+    more than 1°. `name` is the argument that holds R.
     """
     _, first, number = np.unique(labels, return_index=True, return_inverse=True)
     first = first[number]

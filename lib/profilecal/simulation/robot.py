@@ -214,7 +214,8 @@ class Scanner:
         return self.quantum * np.round(seen / self.quantum)
 
     def first_met(self, outline: ndarray, rays: ndarray) -> ndarray:
-        """Depth z (n,), mm, at which rays (n,) first meet an outline (V, 2), or NaN.
+        """Depth z (n,), mm, at which rays (n,) first meet an outline (V, 2) in front of
+        the scanner, or NaN.
 
         A ray is a fraction r of the half width w(z), which is linear in z. So the
         distance in x from the ray, x - r w(z), is linear along a straight piece. A ray
@@ -228,6 +229,7 @@ class Scanner:
         piece, ray = np.divmod(np.flatnonzero(changes), len(rays))
         begin, end = (x[k] - rays[ray] * w[k] for k in (piece, piece + 1))
         met = z[piece] + begin / (begin - end) * np.diff(z)[piece]
+        met[met < 0] = np.nan  # behind the scanner
         depth = np.full(len(rays), np.nan)
         np.fmin.at(depth, ray, met)
         return depth

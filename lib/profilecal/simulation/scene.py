@@ -115,9 +115,9 @@ def random_scene(
     count: int = 40,
     steering_mm: float = 0.0,
 ) -> Scene:
-    """A sensor anywhere within 150 mm of the flange along each axis, at any
-    orientation, or at `mount`, (3, 3), (3,) mm; the target in front of the robot and in
-    view.
+    """A sensor anywhere within 150 mm of the flange along each axis, and turned by up
+    to 104° about each, or at `mount`, (3, 3), (3,) mm; the target in front of the robot
+    and in view.
 
     Each of the `groups` turns from a first orientation by up to `spread_deg`, about any
     axis, about `axis` (3,) of the base, or about the target's own z ("target"). Inside

@@ -229,8 +229,6 @@ def check_effects(spec: Spec) -> None:
     unused = {"accuracy_mm": noise.accuracy_mm, "accuracy_deg": noise.accuracy_deg}
     if spec.motion:
         unused |= vars(spec.robot) | {"repeats": spec.repeats - 1}
-    else:
-        unused["jitter_ms"] = noise.jitter_ms
     if not TARGETS[spec.kind].steered:
         unused["steering_mm"] = noise.steering_mm
     for name, size in unused.items():
@@ -292,8 +290,8 @@ def scan_from(
     values = [seen[np.isfinite(seen).all(axis=1)] for seen in rows]
     if not any(map(len, values)):
         raise ScanError(
-            "from none of these poses is anything in the scanner's range: "
-            "look at [guess] and [scanner]"
+            "from none of these poses is anything seen: "
+            "look at [scanner], [motion] and, of a plan, [guess]"
         )
     pose = homogeneous(setup.R_sensor, setup.T_sensor)
     truth = {

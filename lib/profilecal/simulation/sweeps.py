@@ -117,7 +117,7 @@ def random_sweeps(
             half = side * across_mm * unit(half + aside)
         if pattern == "weave":
             half, weave = R @ DRIFTING, half
-            seconds *= 3 * np.pi / 2  # for the same speed at most
+            seconds *= 3 * np.pi / 2  # for about that speed at most
         aim = rng.uniform(-1, 1, 3) * [10, 0, 10] - [0, 0, STANDOFF]
         middle = setup.target.frame[0] + R @ aim
         phase = rng.uniform(0, 2 * np.pi)

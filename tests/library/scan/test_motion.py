@@ -95,7 +95,7 @@ def test_arrays_make_the_same_scan():
 @pytest.mark.parametrize(("rate", "mm", "deg"), [(100, 1e-5, 1e-5), (10, 0.02, 0.01)])
 def test_a_log_is_followed_between_its_rows(rate, mm, deg):
     """To and fro by 20 mm and 5° in 2 s; beyond its ends, as before a gap, it goes on
-    as it went.
+    as it went. A row by itself says nothing.
     """
 
     def way(t):
@@ -103,8 +103,9 @@ def test_a_log_is_followed_between_its_rows(rate, mm, deg):
         turned = rotations(np.radians(5) * phase * [0, 0.6, 0.8])
         return turned, 20 * phase * [0.6, 0, 0.8] + [500, 0, 300]
 
-    t = np.concatenate([np.arange(0, 4, 1 / rate), np.arange(9, 13, 1 / rate)])
+    t = np.concatenate([np.arange(0, 4, 1 / rate), [6.5], np.arange(9, 13, 1 / rate)])
     log = Log(t, *way(t))
+    assert log.away(np.array([6.5])) == pytest.approx(2.5)
     times = np.concatenate([np.linspace(0.5, 3.4, 100), np.linspace(9.5, 12.4, 100)])
     R, p, _ = log.at(times)
     exact_R, exact_p = way(times)

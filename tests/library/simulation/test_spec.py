@@ -50,13 +50,12 @@ IMPOSSIBLE = {
         "motion": {"pattern": "random", "speed": 1.0, "sweeps": 1},
         "seed": 2,
     },
-    "anything in the scanner's range": {
+    "none of these poses is anything seen": {
         "motion": {"dropped_percent": 90, "profiles": 1, "sweeps": 1}
     },
     "link_mm has no effect": {"motion": {}, "robot": {"link_mm": 0.2}},
     "repeats has no effect": {"motion": {}, "repeats": 2},
     "accuracy_mm has no effect": {"noise": {"accuracy_mm": 0.3}},
-    "jitter_ms has no effect": {"noise": {"jitter_ms": 0.5}},
     "steering_mm has no effect": {"motion": {}, "noise": {"steering_mm": 0.3}},
 }
 
