@@ -10,9 +10,23 @@ Out: a `Scan`, and what was taken for granted; or a `Question` with its answer.
    `lists_and_arrays` JSON, YAML, arrays; `makers` says what makers.toml does.
 2. `blocks` tells what a column is by its title, and in a list by how many numbers
    there are; what it does not know is asked.
-3. `robot_poses` and `scanner_profiles` choose columns of blocks (`Part`) and take their
-   numbers, with units. In a table that holds both, a profile has the pose of its first
-   row.
+3. `robot_poses` and `scanner_profiles` choose columns of blocks and take their numbers,
+   with units. In a table that holds both, a profile has the pose of its first row.
 4. `pair_profiles` finds the pose of each profile: by label, by time, in order.
 5. `tool_frames` takes a tool off; `import_scan` makes the scan.
+
+Words, each for one thing:
+
+    layout   what a user says of the files; `said`, one option of it; `wanted`, the
+             column and the value of rows that --where says
+    pattern  what files of one kind are called, as scan_*.csv; a family is these files
+    block    a table in a file; its columns have a title, a role, such as x or label,
+             and an owner, which is tcp in tcp_x
+    poses    a block with a pose chosen in each row; points, one with x and z chosen;
+             the entry is their name, as --entry says it
+    label    what tells a pose from others; name, what a profile or a file is called
+    form     what a line of a program looks like; its kind is pose, tool, base, uses
+             or moved
+    frame    a tool or a base, by its name; numbers, its position and angles
+    fields   what a Scan is made of; taken, words on what was taken for granted
 """

@@ -3,7 +3,7 @@
 import re
 from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -61,6 +61,9 @@ class Block:
     robot: str = ""  # the maker whose program it is of
     kind: str = "pose"  # of lines of a program; or "tool", "base", "uses", "moved"
     sheet: str = ""  # the name of its sheet, if there are several
+    # a pose in each row, or a point in each: columns by role, and as --entry says it
+    chosen: dict[str, Column] | None = None
+    entry: str = ""
 
     @property
     def titles(self) -> list[str]:
@@ -90,10 +93,18 @@ class Block:
         """The same of some rows, by where they stand in the table."""
         return replace(self, table=self.table.iloc[rows])
 
-    def part(self, called: str, chosen: dict[str, Column]) -> "Part":
-        """The same with columns that are chosen, by role."""
-        own = {entry.name: getattr(self, entry.name) for entry in fields(Block)}
-        return Part(**own, called=called, chosen=chosen)
+    @property
+    def convention(self) -> Convention:
+        """Of the orientation of a pose that is chosen."""
+        return find_convention(self.chosen)
+
+    def numbers_of(self, roles: Iterable[str], blank: bool = False) -> ndarray:
+        """As `numbers` of columns that are chosen."""
+        return self.numbers([self.chosen[role] for role in roles], blank)
+
+    def units(self, roles: Iterable[str]) -> set[str]:
+        """The units that titles of columns that are chosen say."""
+        return {self.chosen[role].unit for role in roles} - {""}
 
     @property
     def labels(self) -> dict[str, list[str]]:
@@ -105,9 +116,9 @@ class Block:
         return {self.title(c): [*map(label_of, self.table[c.at])] for c in free}
 
     @cached_property
-    def poses(self) -> dict[str, "Part"]:
-        """The pose of each row, under what it is called: a position, and angles of the
-        same owner, or else of one that has no position; one for each convention.
+    def poses(self) -> dict[str, Self]:
+        """The poses of its rows, by their entries: a position, and angles of the same
+        owner, or else of one that has no position; one for each convention.
         """
         if self.kind != "pose":
             return {}
@@ -122,9 +133,9 @@ class Block:
             turns = conventions_in(own) or conventions_in(columns)
             for turn in turns:
                 names = [self.robot, owner, turn.name if len(turns) > 1 else ""]
-                called = " ".join(filter(None, names))
+                entry = " ".join(filter(None, names))
                 chosen = {role: columns[role] for role in (*XYZ, *turn.columns)}
-                poses[called] = self.part(called, chosen)
+                poses[entry] = replace(self, chosen=chosen, entry=entry)
         return poses
 
     @cached_property
@@ -138,49 +149,30 @@ class Block:
         return [c for role in roles for c in self.others if c.role == role]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Part(Block):
-    """A pose, or points, in a table."""
-
-    called: str  # as --entry says it
-    chosen: dict[str, Column]  # its columns, by role
-
-    @property
-    def convention(self) -> Convention:
-        """Of a pose's orientation."""
-        return find_convention(self.chosen)
-
-    def numbers_of(self, roles: Iterable[str], blank: bool = False) -> ndarray:
-        """As `numbers` of columns."""
-        return self.numbers([self.chosen[role] for role in roles], blank)
-
-    def units(self, roles: Iterable[str]) -> set[str]:
-        """The units that titles say."""
-        return {self.chosen[role].unit for role in roles} - {""}
-
-
 Files = dict[Path, list[Block]]  # files, and the blocks in each
 
 
-def parts_called(parts: list[Part], entry: str, liked: str, what: str) -> list[Part]:
-    """The parts of one name: as the entry says, or else of the robot, and with a word
-    that is liked, such as flange. Raises Question for several.
+def blocks_of_entry(
+    blocks: list[Block], said: str, liked: str, what: str
+) -> list[Block]:
+    """The blocks of one entry: the one that a user says, or else of the robot, and with
+    a word that is liked, such as flange. Raises Question for several.
     """
 
-    def fit(name: str) -> tuple[bool, ...]:
-        """How well a name fits; what counts most stands first. An entry may name a pose
-        of other files; then it decides nothing here. Without an entry, what has no name
+    def fit(entry: str) -> tuple[bool, ...]:
+        """How well an entry fits; what counts most stands first. The one said may be of
+        other files; then it decides nothing here. If none is said, one without a name
         comes before all others.
         """
-        text, wish = name.lower(), entry.lower()
+        text, wish = entry.lower(), said.lower()
         is_liked = liked in text and text not in WORDS["tool"]
         return wish in text, wish == text, not is_of_other(text), is_liked
 
-    names = [*dict.fromkeys(part.called for part in parts)]
-    best = max(map(fit, names))
-    names = [name for name in names if fit(name) == best]
-    name = one_or_ask(parts[0].path, names, what, "entry")
-    return [part for part in parts if part.called == name]
+    entries = [*dict.fromkeys(block.entry for block in blocks)]
+    best = max(map(fit, entries))
+    entries = [entry for entry in entries if fit(entry) == best]
+    entry = one_or_ask(blocks[0].path, entries, what, "entry")
+    return [block for block in blocks if block.entry == entry]
 
 
 def columns_titled(table: DataFrame, titles: list[str]) -> list[Column]:
@@ -193,7 +185,7 @@ def columns_titled(table: DataFrame, titles: list[str]) -> list[Column]:
         200 without titles     z, but for a first one that counts rows, nth,
                                or of words, a label
     """
-    columns = dict(zip(table, map(column_titled, table, titles), strict=True))
+    columns = {column.at: column for column in map(column_titled, table, titles)}
     for name, numbered in lists_among(columns.values()).items():
         is_long = len(numbered) > LARGEST_POSE
         axis = column_titled(0, name).role if name else "z"
@@ -285,11 +277,11 @@ def column_titled(at: int, title: str) -> Column:
     text, unit = normalize("NFKC", title).strip().lower(), ""
     if match := IN_BRACKETS.fullmatch(text) or BEHIND.fullmatch(text):
         text, unit = match.groups()
-    words = re.sub(r"\W+", "_", text).strip("_").split("_")
-    column = Column(at, title, "_".join(words), unit=unit)
+    name = re.sub(r"\W+", "_", text).strip("_")
+    column, words = Column(at, title, name, unit=unit), name.split("_")
     for k in range(len(words)):
         if role := ROLE_OF_TITLE.get("_".join(words[k:])):
             return column._replace(role=role, owner="_".join(words[:k]))
-    role, _, owner = column.name.partition("_")
+    role, _, owner = name.partition("_")
     is_owned = role in OF_POSES and owner.isalpha()
     return column._replace(role=role, owner=owner) if is_owned else column

@@ -1,21 +1,18 @@
 """What makers.toml says: robots' lines, titles of columns, units, codes."""
 
-import tomllib
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from profilecal.scan.conventions import CONVENTIONS, Convention
-from profilecal.scan.tables import ScanError, listed, naming
-from profilecal.scan.toml import check_entries, one_of
+from profilecal.scan.tables import ScanError, listed
+from profilecal.scan.toml import check_entries, read_toml
 
 XYZ = tuple("xyz")
 OF_POSES = {*XYZ, *(name for one in CONVENTIONS for name in one.columns)}
 PATH = Path(__file__).with_name("makers.toml")
-with naming(PATH):
-    TABLE = tomllib.loads(PATH.read_text("utf-8"))
+TABLE = read_toml(PATH)
 LENGTH_UNITS = TABLE["lengths"]
 ANGLE_UNITS = TABLE["angles"]
 TIME_UNITS = TABLE["times"]
@@ -34,15 +31,12 @@ for roles, words in TABLE["lists"].items():
         ROLES_OF_LIST[word, len(roles.split())].append(roles.split())
 
 
-def are_forms(value: Any) -> bool:
-    """Whether an entry of a row is a list of pairs of texts."""
-    pairs = value if isinstance(value, list) else [value]
-    return all(isinstance(p, list) and [*map(type, p)] == [str, str] for p in pairs)
+def are_pairs(value: list) -> bool:
+    """Whether an entry of a row is a list of pairs."""
+    return all(isinstance(pair, list) and len(pair) == 2 for pair in value)
 
 
-FORMS = are_forms, '[["what a line looks like", "a line of a file"], …]'
-Forms = Annotated[Sequence[tuple[str, str]], FORMS]  # of lines, each with an example
-TEXTS = (lambda value: isinstance(value, list)), '["!"]'
+Pairs = Annotated[list, (are_pairs, '[["one text", "its example, or end"], …]')]
 
 
 @dataclass(frozen=True)
@@ -50,19 +44,15 @@ class Robot:
     """A row of [[robot]]; the head of makers.toml says what each entry is."""
 
     maker: str
-    pose: Forms
+    pose: Pairs  # of a line's form and an example, as all further lines
     has: str = ""
-    remarks: Annotated[Sequence[str], TEXTS] = ()
-    unit: Annotated[str, one_of(LENGTH_UNITS)] = "mm"
-    tool: Forms = ()
-    tools_in: Annotated[str, one_of(("tool", "pose"))] = "tool"
-    base: Forms = ()
-    uses: Forms = ()
-    moved: Forms = ()
-
-    def forms(self, kind: str) -> list[str]:
-        """What its lines of a kind look like."""
-        return [form for form, _ in getattr(self, kind)]
+    remarks: Pairs = ()  # of their begin and end
+    unit: str = "mm"
+    tool: Pairs = ()
+    tools_in: str = "tool"
+    base: Pairs = ()
+    uses: Pairs = ()
+    moved: Pairs = ()
 
 
 def robot_of(row: dict[str, Any]) -> Robot:
@@ -91,7 +81,6 @@ def scale_of(
     return among[unit], unit
 
 
-def conventions_in(roles: Iterable[str]) -> list[Convention]:
+def conventions_in(roles: dict) -> list[Convention]:
     """The conventions that are all there."""
-    names = {*roles}
-    return [one for one in CONVENTIONS if names.issuperset(one.columns)]
+    return [one for one in CONVENTIONS if roles.keys() >= {*one.columns}]

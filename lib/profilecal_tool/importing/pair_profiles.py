@@ -1,7 +1,7 @@
 """Which pose each profile was measured at: by label, by time, in order."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy import ndarray
 from pandas import to_numeric
 
 from profilecal.scan.tables import ScanError, cell_number, listed
-from profilecal_tool.importing.blocks import Part
+from profilecal_tool.importing.blocks import Block
 from profilecal_tool.importing.makers import TIME_UNITS, XYZ
 from profilecal_tool.importing.questions import Layout
 
@@ -30,19 +30,19 @@ class Times(NamedTuple):
 
 
 class Pairing(NamedTuple):
-    """The pose of each profile; or, in motion, the poses of the log by time."""
+    """Poses with a profile each; or, in motion, the log and all profiles."""
 
-    # of the table of poses: (P,) each profile's, -1: none; in motion (L,) the log's
-    rows: ndarray
+    rows: ndarray  # of the table of poses; (P,) of each profile, -1: none, until sorted
     how: str
+    profiles: ndarray | slice = slice(None)  # which are of these poses
     times: Times | None = None  # in motion
 
 
 def pair_profiles(
-    poses: Part, names: list[str], moves: Iterable[str], layout: Layout
+    poses: Block, names: list[str], moves: list[str], layout: Layout
 ) -> Pairing:
-    """The pose of each profile, by its name, "" where it has none; `moves`: the poses'
-    names as a program's lines use them.
+    """The poses that have a profile, and it, by its name, "" where it has none;
+    `moves`: the poses' names as a program's lines use them.
 
     Raises ScanError.
     """
@@ -66,11 +66,13 @@ def pair_profiles(
     idle = [label for row, label in enumerate(labels) if row not in served]
     for what, left in (("pose", lost), ("profile", idle)):
         how += f"; left out, without a {what}: {listed(left)}" if left else ""
-    return found._replace(how=how)
+    # in the order of the poses, behind the profiles that have none
+    order = np.argsort(found.rows, kind="stable")[len(lost) :]
+    return Pairing(found.rows[order], how, order)
 
 
 def paired_in_order(
-    poses: Part, used: list[int], names: list[str], layout: Layout
+    poses: Block, used: list[int], names: list[str], layout: Layout
 ) -> Pairing:
     """The poses as lines use them, or as they are listed. Raises ScanError where
     there are not as many profiles, where times are said, which then no pose has, or
@@ -78,16 +80,18 @@ def paired_in_order(
     """
     rows = np.array(used or range(len(poses.table)))
     if layout.times or len(names) != len(rows):
-        counts = f"{len(names)} profiles for {len(rows)} poses"
-        sentence = f"{counts}, and no label or time that both have; add a column"
-        hint = "or say which files: --profiles, or when they were taken: --times"
-        raise ScanError(f"{poses.path}: {sentence}, {hint}")
+        raise ScanError(
+            f"{poses.path}: {len(names)} profiles for {len(rows)} poses, and no label "
+            "or time that both have; add a column, or say which files: --profiles, or "
+            "when they were taken: --times"
+        )
     for column in poses.having("label"):
         numbers = to_numeric(poses.table[column.at], errors="coerce").dropna()
         if not used and not numbers.is_monotonic_increasing:
-            title = poses.title(column)
-            sentence = f"{title} goes up and down, and profiles have no such number"
-            raise ScanError(f"{poses.path}: {sentence}; sort the rows, or name files")
+            raise ScanError(
+                f"{poses.path}: {poses.title(column)} goes up and down, and profiles "
+                "have no such number; sort the rows, or name files"
+            )
     return Pairing(rows, "in order of the lines that use them" if used else "in order")
 
 
@@ -101,7 +105,7 @@ class Match(NamedTuple):
     title: str  # of the column
 
 
-def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
+def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
     """The pairing by the labels, and the names or numbers in them, that serve most
     poses, and more than half of them and of the profiles.
 
@@ -110,9 +114,9 @@ def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
     """
     matches = []
     for title, labels in poses.labels.items():
-        for is_whole, what, keys, wanted in ways_to_compare(labels, names):
+        for is_whole, what, keys, sought in ways_to_compare(labels, names):
             row_of = {key: row for row, key in enumerate(keys)}
-            rows = np.array([row_of.get(key, -1) for key in wanted])
+            rows = np.array([row_of.get(key, -1) for key in sought])
             served = len({*rows} - {-1}) / len(row_of)
             share = min((rows >= 0).mean(), served)
             if share > 0.5:
@@ -122,28 +126,29 @@ def paired_by_label(poses: Part, names: list[str]) -> Pairing | None:
         return None
     best = max(matches, key=lambda match: match.rank)
     for other in matches:
-        both = (other.rows >= 0) & (best.rows >= 0)
-        differs = both & (other.rows != best.rows)
+        have_both = np.minimum(other.rows, best.rows) >= 0
+        differs = have_both & (other.rows != best.rows)
         is_as_good = other.rank == best.rank
         if other.title != best.title:  # a lost cell makes a label serve fewer
             is_as_good = other.rank[0] == best.rank[0]
         if is_as_good and differs.any():
-            name = names[differs.argmax()]
-            sentence = f"which pose has {name}: {best.how} or {other.how}?"
-            hint = "Rename the profiles' files, or --pose-columns: _ for other columns"
-            raise ScanError(f"{poses.path}: {sentence} {hint}")
+            sentence = f"which pose has {names[differs.argmax()]}"
+            raise ScanError(
+                f"{poses.path}: {sentence}: {best.how} or {other.how}? "
+                "Rename the profiles' files, or --pose-columns: _ for other columns"
+            )
     for name, row in zip(names, best.rows, strict=True):
         first = best.keys.index(best.keys[row])
         if first < row:  # of poses that are called alike, a row is the last
             one, other = poses.table.index[[first, row]]
-            place = f"{poses.path} lines {one} and {other}"
-            raise ScanError(f"{place}: two poses of profile {name}; leave one out")
+            raise ScanError(
+                f"{poses.path} lines {one} and {other}: two poses of profile {name}; "
+                "leave one out"
+            )
     return Pairing(best.rows, best.how)
 
 
-def ways_to_compare(
-    labels: list[str], names: list[str]
-) -> Iterator[tuple[bool, str, list, Sequence]]:
+def ways_to_compare(labels: list[str], names: list[str]) -> Iterator[tuple]:
     """Ways to compare: whether by more than a number, by what, what labels have, and
     what names want. Of labels p1, p2 and names scan_0, scan_1::
 
@@ -198,7 +203,7 @@ def time_said(text: str, unit_s: float) -> float:
     return value
 
 
-def times_of(poses: Part, names: list[str], layout: Layout) -> Times | None:
+def times_of(poses: Block, names: list[str], layout: Layout) -> Times | None:
     """The times of poses and profiles, if all have some, in the unit of the poses; in s
     if a user says them.
     """
@@ -210,11 +215,10 @@ def times_of(poses: Part, names: list[str], layout: Layout) -> Times | None:
     cells = poses.table[columns[0].at].astype(str)
     log = np.array([time_said(cell, unit_s) for cell in cells])
     profiles = np.array([time_said(name, of_names) for name in names])
-    are_known = np.isfinite([*log, *profiles]).all()
-    return Times(log, profiles) if are_known else None
+    return Times(log, profiles) if np.isfinite([*log, *profiles]).all() else None
 
 
-def paired_by_time(poses: Part, names: list[str], layout: Layout) -> Pairing | None:
+def paired_by_time(poses: Block, names: list[str], layout: Layout) -> Pairing | None:
     """The poses nearest in time, of a log only those where the robot stands still; or
     the log, where profiles were taken as the robot moved.
     """
@@ -238,7 +242,7 @@ def paired_by_time(poses: Part, names: list[str], layout: Layout) -> Pairing | N
         still &= steps < STILL * np.abs(values).max()
     # most were taken on the way
     if step <= A_MOMENT_S and still[is_near].mean() < 0.5:
-        return Pairing(order, "by time, in motion", times._replace(log=t))
+        return Pairing(order, "by time, in motion", times=times._replace(log=t))
     how = "by time"
     if len(t) > 2 * len(times.profiles):  # a log that goes on, no list of stops
         is_near, how = is_near & still, "by time, where the robot stands still"

@@ -1,7 +1,7 @@
 """Robots' programs and logs: lines that makers.toml shows, found in any text."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 from pandas import DataFrame
@@ -47,7 +47,7 @@ def blanked(expression: str | re.Pattern, text: str) -> str:
     return re.sub(expression, lambda match: re.sub(r"[^\n]", " ", match[0]), text)
 
 
-def matches_of(forms: Sequence[str], text: str) -> tuple[DataFrame, str]:
+def matches_of(forms: list[str], text: str) -> tuple[DataFrame, str]:
     """What stands in lines of these forms, by the number of the line, and the text
     without them.
     """
@@ -78,16 +78,15 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
     for maker, robot in ROBOTS.items():
         rest = text
         for remark in robot.remarks:
-            # one text begins a remark, and a second one or the line ends it
-            begin, *end = map(re.escape, remark.split())
-            ends = rf"{end[0]}|\Z" if end else "$"
-            rest = blanked(rf"(?ms){begin}.*?({ends})", rest)
+            begin, end = map(re.escape, remark)
+            rest = blanked(rf"(?s){begin}.*?({end}|\Z)", rest)
         # poses come last: else a line of a tool would be one of a pose
         every = ("base", "tool", "uses", "moved", "pose")
         # a listing of tools is no program: it has no text that programs have
         kinds = every if robot.has in text else ("tool",)
         for kind in kinds:
-            table, without = matches_of(robot.forms(kind), rest)
+            forms = [form for form, _ in getattr(robot, kind)]
+            table, without = matches_of(forms, rest)
             if kind not in OF_MOVES:  # a move may have a pose in it, which comes later
                 rest = without
             if len(table):

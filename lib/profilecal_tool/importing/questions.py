@@ -40,7 +40,6 @@ class Question(ScanError):
 
 TwoNumbers = Annotated[Sequence[float] | None, numbers(2)]
 SixNumbers = Annotated[Sequence[float] | None, numbers(6)]
-OneNumber = Annotated[float | None, number(-1e10, 1e10)]
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,9 @@ class Layout:
     x: TwoNumbers = None  # of z alone: start and pitch
     times: TwoNumbers = None  # of profiles in motion: start, rate
     unit: str = ""  # of profiles
-    missing: OneNumber = None  # z where nothing was seen
+    missing: Annotated[float | None, number(-1e10, 1e10)] = (
+        None  # z where nothing was seen
+    )
     encoding: str = ""  # of text
     mount: str = Scan.mount
 
@@ -70,9 +71,9 @@ class Layout:
 
 def ranges(axes: str, points: ndarray) -> str:
     """Where points (n, axes) are, mm: X 1.0 to 2.0, Z 3.0 to 4.0 mm."""
-    ends = zip(axes, np.nanmin(points, axis=0), np.nanmax(points, axis=0), strict=True)
-    parts = [f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in ends]
-    return f"{', '.join(parts)} mm"
+    pairs = zip(axes, points.T, strict=True)
+    ends = [f"{axis} {np.nanmin(x):.1f} to {np.nanmax(x):.1f}" for axis, x in pairs]
+    return f"{', '.join(ends)} mm"
 
 
 def one_or_ask(place: Any, names: Sequence[str], what: str, option: str) -> str:
@@ -80,8 +81,8 @@ def one_or_ask(place: Any, names: Sequence[str], what: str, option: str) -> str:
     if not names:
         raise ScanError(f"{place}: no file {what}; --{option} FILES says which")
     if len(names) > 1:
-        sentence = f"{place}: which {what}: {' or '.join(names)}?"
-        raise Question(sentence, **{option: names[0]})
+        answer = {option: names[0]}
+        raise Question(f"{place}: which {what}: {' or '.join(names)}?", **answer)
     return names[0]
 
 
@@ -125,8 +126,10 @@ def keep_header(folder: Path, partial: Path) -> None:
     former, new = (read_header(place / "scan.toml")[0] for place in (folder, partial))
     for name in ("kind", "sizes", "mount"):
         if new[name] != former[name]:
-            sentence = f"{name} is {former[name]}, where {new[name]} is said now"
-            raise ScanError(f"{folder / 'scan.toml'}: {sentence}; name a new folder")
+            raise ScanError(
+                f"{folder / 'scan.toml'}: {name} is {former[name]}, where {new[name]} "
+                "is said now; name a new folder"
+            )
     copy(folder / "scan.toml", partial)
 
 

@@ -1,10 +1,11 @@
-"""A file of any kind as blocks; tables of delimited text, which are lines of as many
-fields that follow each other, and of sheets.
+"""Which files a folder has; a file of any kind as blocks; tables of delimited text,
+which are lines of as many fields that follow each other, and of sheets.
 """
 
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from glob import escape, glob
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
@@ -75,7 +76,37 @@ def decoded_text(path: Path, encoding: str) -> str:
     return text_of(path, encoding=max(ENCODINGS, key=words_known))
 
 
-def names_of(paths: Collection[Path]) -> list[str]:
+def patterns_of(folder: Path, said: list[str]) -> dict[Path, str]:
+    """The pattern of each file: the last of those said that takes it; or else its name
+    with * for numbers, as scan_*.csv. Raises ScanError where there are no files.
+    """
+    patterns = {}
+    for pattern in said:
+        patterns |= dict.fromkeys(files_matching(folder, pattern), pattern)
+    for path in sorted_files(folder, "**/*"):
+        if path not in patterns and is_readable(path):
+            patterns[path] = re.sub(r"\d+", "*", escape(str(path.relative_to(folder))))
+    if not patterns:
+        raise ScanError(f"{folder}: no files; is the folder right?")
+    return patterns
+
+
+def files_matching(folder: Path, pattern: str) -> list[Path]:
+    """The files of a pattern in a folder; or one elsewhere. Raises ScanError."""
+    paths = sorted_files(folder, pattern) or [Path(pattern)]
+    if not paths[0].is_file():
+        raise ScanError(f"{folder}: no file matches {pattern!r}; is the folder right?")
+    return paths
+
+
+def sorted_files(folder: Path, pattern: str) -> list[Path]:
+    """The files of a pattern in a folder, p2 before p10."""
+    inside = glob(pattern, root_dir=folder, recursive=True)
+    paths = filter(Path.is_file, map(folder.joinpath, inside))
+    return sorted(paths, key=lambda p: re.sub(r"\d+", lambda d: d[0].zfill(20), str(p)))
+
+
+def names_of(paths: Iterable[Path]) -> list[str]:
     """What files are called; with their folders where these tell them apart."""
     names = [path.stem for path in paths]
     if len({*names}) == len(names):
@@ -190,9 +221,10 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
             above, end_above = titles, end
         # right under it, or without the first title
         elif above and (begin == end_above or count == len(above) - 1):
-            found = f"{count} fields; expected {len(above)}, as above"
-            found += " (--poses and --profiles say which files to read)"
-            raise ScanError(f"{path} line {begin + 1}: {found}")
+            raise ScanError(
+                f"{path} line {begin + 1}: {count} fields; expected {len(above)}, as "
+                "above (--poses and --profiles say which files to read)"
+            )
         titles = titles or counted(count)
         named = [k for k, t in enumerate(titles) if column_titled(k, t).role == "label"]
         stream.seek(offset)

@@ -1,10 +1,8 @@
 """The robot's poses: their numbers as they stand, their units, and whose they are."""
 
-from collections.abc import Iterable
 from dataclasses import replace
 from os.path import commonpath
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -17,11 +15,10 @@ from profilecal_tool.importing.blocks import (
     Block,
     Column,
     Files,
-    Part,
+    blocks_of_entry,
     columns_titled,
     counted,
     is_of_other,
-    parts_called,
 )
 from profilecal_tool.importing.makers import (
     ANGLE_UNITS,
@@ -35,7 +32,7 @@ from profilecal_tool.importing.makers import (
 from profilecal_tool.importing.questions import Layout, Question, Taken, ranges
 from profilecal_tool.importing.read_file import names_of
 
-Entries = dict[str, Any]  # of a Scan
+Fields = dict  # of a Scan, by name
 FARTHEST_M = 20.0  # no robot reaches so far; a position in mm is farther somewhere
 NEAR_MM = 200.0  # few flanges stay so near: it may be cm or inches
 HINT = "--pose-columns says it; w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector, "
@@ -45,7 +42,7 @@ OF_ABB = named("quaternion").columns
 OF_LIBRARIES = ("qx", "qy", "qz", "qw")
 
 
-def poses_in(blocks: Iterable[Block], said: str) -> list[Part]:
+def poses_in(blocks: list[Block], said: str) -> list[Block]:
     """The poses in the blocks of a file; `said`: titles from a user."""
     titles, found = said.split(","), []
     for block in blocks:
@@ -67,26 +64,27 @@ def retitled(block: Block, table: DataFrame, titles: list[str]) -> Block:
     return replace(block, table=table, columns=columns_titled(table, titles))
 
 
-def robot_poses(files: Files, layout: Layout) -> Part:
+def robot_poses(files: Files, layout: Layout) -> Block:
     """The robot's poses in files. Raises ScanError; Question where it is uncertain."""
-    parts = []
+    poses = []
     for path, blocks in files.items():
         found = poses_in(blocks, layout.pose_columns)
         if not found:
             raise question_on_file(path, blocks, layout.pose_columns)
-        parts += parts_called(found, layout.entry, "flange", "is the robot's pose")
-    first = parts[0]
-    check_whose(first, layout.entry.lower())
-    for part in parts:
-        if part.titles != first.titles:
-            found = f"columns {listed(part.titles)}, where others differ"
-            raise ScanError(f"{part.path}: {found}")
-    table = concat([part.table for part in parts])
+        poses += blocks_of_entry(found, layout.entry, "flange", "is the robot's pose")
+    first = poses[0]
+    check_robot(first, layout.entry)
+    check_columns(first)
+    for block in poses:
+        if block.titles != first.titles:
+            titles = listed(block.titles)
+            raise ScanError(f"{block.path}: columns {titles}, where others differ")
+    table = concat([block.table for block in poses])
     if len(files) == 1:
         return replace(first, table=table)
     # a further column of the files' names; where a row stands says the file too
     name_of = dict(zip(files, names_of(files), strict=True))
-    paths = [part.path for part in parts for _ in part.table.index]
+    paths = [block.path for block in poses for _ in block.table.index]
     file = Column(-1, "file", "file", "label")
     table[file.at] = [name_of[path] for path in paths]
     pairs = zip(table.index, paths, strict=True)
@@ -95,72 +93,78 @@ def robot_poses(files: Files, layout: Layout) -> Part:
     return replace(first, path=Path(commonpath(files)), table=table, columns=columns)
 
 
-def check_whose(poses: Part, entry: str) -> None:
-    """Raise Question where poses are of something else than the robot, and that is not
-    the entry; ScanError where columns are called alike, or poses are inverses.
+def check_robot(poses: Block, said: str) -> None:
+    """Raise Question where poses are of something else than the robot, which is not the
+    entry that a user says.
     """
-    is_asked_for = entry and entry in poses.called.lower()
-    if is_of_other(poses.called) and not is_asked_for:
-        sentence = f"{poses.path}: poses are of {poses.called}; are they the flange's?"
-        raise Question(sentence, entry=poses.called)
-    called = f"{poses.path.name} {poses.called}".strip()
-    if any(word in called.lower() for word in WORDS["inverse"]):
-        found = f"{called} may be the inverse: invert it, or rename it"
-        raise ScanError(f"{poses.path.parent}: {found}")
-    # a second x or z may be a profile's
+    is_said = said and said.lower() in poses.entry.lower()
+    if is_of_other(poses.entry) and not is_said:
+        raise Question(
+            f"{poses.path}: poses are of {poses.entry}; are they the flange's?",
+            entry=poses.entry,
+        )
+
+
+def check_columns(poses: Block) -> None:
+    """Raise ScanError where poses are inverses by their name, or where further columns
+    are called alike; but a second x or z may be a profile's.
+    """
+    name = f"{poses.path.name} {poses.entry}".strip()
+    if any(word in name.lower() for word in WORDS["inverse"]):
+        place = poses.path.parent
+        raise ScanError(f"{place}: {name} may be the inverse: invert it, or rename it")
     for column in poses.having("y", *poses.convention.columns):
         if column.owner == poses.chosen[column.role].owner:
-            raise question_on_columns(poses, "which of those called alike?", {})
+            raise question_on_columns(poses, "which of those called alike?")
 
 
 def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
-    """Why there are no poses in a file. Behind a position, or three numbers, three are
-    likely W, P, R, and four of unit length a quaternion.
-    """
+    """Why there are no poses in a file; what its columns are, where that is likely."""
     blocks = [block for block in blocks if block.kind == "pose"]  # not tools
     if not blocks:
         return ScanError(f"{path}: no poses")
     block = max(blocks, key=lambda block: len(block.columns))
     if block.having("joint"):
-        return question_on_columns(block, "joint angles: export Cartesian poses", {})
+        return question_on_columns(block, "joint angles: export Cartesian poses")
+    sentence = f"no pose in {said}" if said else "what are they?"
+    return question_on_columns(block, sentence, *likely_pose(block))
+
+
+def likely_pose(block: Block) -> list[tuple]:
+    """What columns of numbers likely are: behind a position, or three of no known role,
+    three are W, P, R, and four of unit length a quaternion.
+    """
     numeric = block.table.apply(to_numeric, errors="coerce").dropna(axis=1, how="all")
     own = [c for c in block.columns if c.at in numeric and c.role in {"", *OF_POSES}]
     position, turn = own[:3], own[3:]
     numbers = numeric[[column.at for column in turn]].to_numpy()
-    roles, unit, likely = (), "", {}
+    roles, unit = (), ""
     if len(turn) == 3:
         roles, unit = FANUC, likely_angle(numbers)
     elif len(turn) == 4 and np.allclose(np.linalg.norm(numbers, axis=1), 1, atol=0.01):
         roles = OF_ABB if turn[0].name in ("q0", "q1") else OF_LIBRARIES
-    if roles and [c.role for c in position] in ([*XYZ], 3 * [""]):
-        likely = likely_columns(position, XYZ, "") | likely_columns(turn, roles, unit)
-    sentence = f"no pose in {said}" if said else "what are they?"
-    return question_on_columns(block, sentence, likely)
+    if not roles or [c.role for c in position] not in ([*XYZ], 3 * [""]):
+        return []
+    return [(position, XYZ, ""), (turn, roles, unit)]
 
 
-def likely_columns(
-    columns: Iterable[Column], roles: Iterable[str], unit: str
-) -> dict[Column, Column]:
-    """What columns likely are; each with its own unit if it has one."""
-    pairs = zip(columns, roles, strict=True)
-    return {c: c._replace(role=role, unit=c.unit or unit) for c, role in pairs}
-
-
-def question_on_columns(
-    block: Block, sentence: str, likely: dict[Column, Column]
-) -> ScanError:
-    """What columns of poses are, by an answer that has what some likely are; without
-    one if nothing is likely.
+def question_on_columns(block: Block, sentence: str, *likely: tuple) -> ScanError:
+    """What columns of poses are, by an answer that has what some likely are: columns,
+    their roles, and the unit of those that say none. Without one if nothing is likely.
     """
     sentence = f"{block.path}: columns {listed(block.titles)}; {sentence} ({HINT})"
     if not likely:
         return ScanError(sentence)
-    own = [column for column in block.columns if column.at >= 0]
-    titles = [likely.get(column, column).answer for column in own]
+    answers = {column.at: column for column in block.columns if column.at >= 0}
+    for columns, roles, unit in likely:
+        for column, role in zip(columns, roles, strict=True):
+            known = column._replace(role=role, unit=column.unit or unit)
+            answers[column.at] = known
+    titles = [column.answer for column in answers.values()]
     return Question(sentence, pose_columns=",".join(titles))
 
 
-def length_of(poses: Part) -> tuple[float, str]:
+def length_of(poses: Block) -> tuple[float, str]:
     """The unit of positions, mm, and its name. Raises Question where it may be cm or
     inches.
     """
@@ -173,11 +177,11 @@ def length_of(poses: Part) -> tuple[float, str]:
     elif not units and FARTHEST_M <= farthest < NEAR_MM:
         doubt = f"positions up to {farthest:.4g}; cm, in or mm?"
         position = [poses.chosen[axis] for axis in XYZ]
-        raise question_on_columns(poses, doubt, likely_columns(position, XYZ, "cm"))
+        raise question_on_columns(poses, doubt, (position, XYZ, "cm"))
     return scale_of(poses.path, units, usual, LENGTH_UNITS)
 
 
-def angle_of(poses: Part) -> tuple[float, str]:
+def angle_of(poses: Block) -> tuple[float, str]:
     """The unit of angles, in that of their convention, and its name; 1 and "" for
     numbers that have none. Raises Question where it may be another.
     """
@@ -199,7 +203,7 @@ def angle_of(poses: Part) -> tuple[float, str]:
             doubt = f"a vector of {length:.4g} {what}; are they w, p, r?"
     if doubt:
         columns = [poses.chosen[name] for name in turn.columns]
-        raise question_on_columns(poses, doubt, likely_columns(columns, roles, likely))
+        raise question_on_columns(poses, doubt, (columns, roles, likely))
     scale, unit = scale_of(poses.path, units, usual, ANGLE_UNITS)
     return scale / ANGLE_UNITS[usual], unit
 
@@ -209,23 +213,20 @@ def likely_angle(numbers: ndarray) -> str:
     return "rad" if np.abs(numbers).max() <= 2 * np.pi else ""
 
 
-def pose_entries(poses: Part, labels: list[str], taken: Taken) -> Entries:
-    """Entries of a Scan; what was taken for granted goes to `taken`.
-
-    Raises ScanError.
-    """
+def pose_fields(poses: Block, labels: list[str]) -> tuple[Fields, Taken]:
+    """Fields of a Scan, and what was taken for granted. Raises ScanError."""
     numbers = poses.numbers_of(poses.chosen)
     length, unit = length_of(poses)
     angle, of_angle = angle_of(poses)
     numbers[:, 3:] *= angle
-    columns = dict(zip(poses.chosen, numbers.T, strict=True))
     units = listed(filter(None, (unit, of_angle)))
-    others = listed(called for called in poses.poses if called != poses.called)
+    others = listed(entry for entry in poses.poses if entry != poses.entry)
     beside = f", not {others}" if others else ""
-    name = "poses" if poses.called in ("", "pose") else f"poses of {poses.called}"
-    words = f"{len(labels)} {name}{beside} in {units}"
+    name = "poses" if poses.entry in ("", "pose") else f"poses of {poses.entry}"
+    words = f"{poses.path.name}: {len(labels)} {name}{beside} in {units}"
+    columns = f"{', '.join(poses.chosen)}: {poses.convention.meaning}"
     places = ranges("XYZ", numbers[:, :3] * length)
-    taken["poses"] = f"{poses.path.name}: {words}: {places}"
-    taken["pose_columns"] = f"{', '.join(poses.chosen)}: {poses.convention.meaning}"
+    taken = {"poses": f"{words}: {places}", "pose_columns": columns}
+    columns = dict(zip(poses.chosen, numbers.T, strict=True))
     table = Table(poses.path, {"pose": labels} | columns, poses.table.index)
-    return check_poses(table, length)
+    return check_poses(table, length), taken

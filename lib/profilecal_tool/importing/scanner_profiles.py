@@ -6,9 +6,8 @@ from os.path import commonpath
 from pathlib import Path
 
 import numpy as np
-import pandas
 from numpy import ndarray
-from pandas import Series
+from pandas import Series, concat, factorize
 
 from profilecal.geometry.checks import FARTHEST_MM, READINGS_MM
 from profilecal.scan.tables import ScanError, cell_number, listed
@@ -17,10 +16,9 @@ from profilecal_tool.importing.blocks import (
     Block,
     Column,
     Files,
-    Part,
+    blocks_of_entry,
     column_titled,
     label_of,
-    parts_called,
 )
 from profilecal_tool.importing.makers import (
     LENGTH_UNITS,
@@ -56,28 +54,31 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
         return block
     heights = block.numbers(z, blank=True)
     if block.is_bare and len(heights) > 1 and (np.diff(heights[:, 0]) > 0).all():
-        found = f"column {z[0].title} rises from row to row, as numbers and times do"
-        raise ScanError(f"{block.path}: {found}; give titles: n, z1, z2, …")
+        raise ScanError(
+            f"{block.path}: column {z[0].title} rises from row to row, as numbers and "
+            "times do; give titles: n, z1, z2, …"
+        )
     beside = [column for column in block.columns if column not in (*x, *z)]
     for column in beside:
         if {"x", "z"} <= {str(cell).lower() for cell in block.table[column.at]}:
-            found = f"by column {column.title}, rows are of x and of z by turns"
-            raise ScanError(f"{block.path}: {found}; give columns x1, z1, x2, z2, …")
-    places = np.broadcast_to(places_of(block, x, z, layout), heights.shape)
+            raise ScanError(
+                f"{block.path}: by column {column.title}, rows are of x and of z by "
+                "turns; give columns x1, z1, x2, z2, …"
+            )
     rows = block.table[[column.at for column in beside]]
     table = rows.loc[rows.index.repeat(len(z))]
     further = {
-        "nth": np.arange(len(heights)).repeat(len(z)),
-        "profile x": places.ravel(),
-        "profile z": heights.ravel(),
+        "nth": np.arange(len(heights))[:, None],
+        "profile x": x_of_heights(block, x, z, layout),
+        "profile z": heights,
     }
     for at, (title, cells) in enumerate(further.items(), len(block.columns)):
-        table[at] = cells
+        table[at] = np.broadcast_to(cells, heights.shape).ravel()
         beside.append(column_titled(at, title))
     return replace(block, table=table, columns=beside)
 
 
-def places_of(
+def x_of_heights(
     block: Block, x: list[Column], z: list[Column], layout: Layout
 ) -> ndarray:
     """Where along x the columns of heights are: in columns of their own, in titles that
@@ -96,23 +97,26 @@ def places_of(
         begin = block.path.read_bytes()[:BEGIN].decode(errors="replace").lower()
         found = [{*re.findall(X_ABOVE.format(one), begin)} for one in START_AND_PITCH]
         if [*map(len, found)] != [1, 1]:
-            sentence = "z alone; where is it along x? --x START PITCH says it"
-            raise ScanError(f"{block.path}: {sentence}; or give titles: x1, z1, …")
+            raise ScanError(
+                f"{block.path}: z alone; where is it along x? --x START PITCH says it; "
+                "or give titles: x1, z1, …"
+            )
         start_and_pitch = [float(value.replace(",", ".")) for (value,) in found]
     start, pitch = start_and_pitch
     return start + pitch * counts
 
 
-def points_in(block: Block, said: str) -> Part | None:
+def points_in(block: Block, said: str) -> Block | None:
     """The points of a block, by the columns that a user says, or else by titles.
 
     Raises Question.
     """
-    pairs = {}
-    for x in block.having("x"):
-        for z in block.having("z"):
-            if x.owner == z.owner:
-                pairs[f"{block.title(x)},{block.title(z)}"] = [x, z]
+    pairs = {
+        f"{block.title(x)},{block.title(z)}": [x, z]
+        for x in block.having("x")
+        for z in block.having("z")
+        if x.owner == z.owner
+    }
     if said:
         pair = columns_called(block, said)
         pairs = {said: pair} if len(pair) == 2 else {}
@@ -122,9 +126,9 @@ def points_in(block: Block, said: str) -> Part | None:
     x, z = pairs[one_or_ask(block.path, [*pairs], "columns are x and z", "columns")]
     if x.at == z.at:
         raise ScanError(f"--columns {said}: x and z are one column")
-    # what has no owner is called by its titles: blocks alike are one entry
-    called = x.owner or ",".join(block.titles[:4])
-    return block.part(called, {"x": x, "z": z})
+    # without an owner, blocks of the same titles are one entry
+    entry = x.owner or ",".join(block.titles[:4])
+    return replace(block, chosen={"x": x, "z": z}, entry=entry)
 
 
 def columns_called(block: Block, said: str) -> list[Column]:
@@ -137,66 +141,77 @@ def columns_called(block: Block, said: str) -> list[Column]:
     if len(titles) > 2:
         raise ScanError(f"--columns {said}: expected two, of x and z")
     there = [(known[title.name], title.unit) for title in titles if title.name in known]
-    return [one._replace(unit=unit or one.unit) for one, unit in there]
+    return [column._replace(unit=unit or column.unit) for column, unit in there]
 
 
-def points_of_file(blocks: list[Block], layout: Layout) -> list[Part]:
-    """The blocks of points in a file that are called alike; none where the largest
-    block is none of points. Raises Question.
+def points_of_file(blocks: list[Block], layout: Layout) -> list[Block]:
+    """The points in the blocks of a file, of one entry; none where the largest block
+    has none. Raises Question.
     """
     blocks = [b for b in blocks if len(b.table) and not b.robot]
     largest = max(blocks, key=lambda block: block.table.size, default=None)
     if not largest or not points_in(largest, layout.columns):
         return []
     found = [points for b in blocks if (points := points_in(b, layout.columns))]
-    return parts_called(found, layout.entry, "profile", "is the profile")
+    return blocks_of_entry(found, layout.entry, "profile", "is the profile")
 
 
-def read_profiles(files: Files, stops: int, layout: Layout, taken: Taken) -> Series:
+def read_profiles(files: Files, stops: int, layout: Layout) -> tuple[Series, Taken]:
     """The points (n, 2) mm of each profile, NaN where nothing was seen, under its name,
-    "" if it has none; the whole is called as points are. `stops`: how many profiles one
-    file should have, 0 where that is not known; a file among several has one.
+    "" if it has none; all under their entry; and what was taken for granted. A file
+    among several has one profile. `stops`: how many one alone should have, 0 if that is
+    not known.
 
     Raises ScanError.
     """
-    is_alone = len(files) == 1
-    names, counts, parts = [], [], []
-    for path, blocks in files.items():
-        found = points_of_file(blocks, layout)
-        if not found and any(len(block.table) > 1 for block in blocks):
-            raise question_on_points(blocks, layout.columns)
-        # between blank lines: several profiles, or parts of one? no title tells
-        if len(found) > 1 and found[0].is_bare and not is_alone:
-            raise ScanError(
-                f"{path}: {len(found)} tables: give titles, or no blank lines"
-            )
-        expected = stops if len(found) == 1 else 0
-        of_file = []
-        for points in found:
-            profile, labels = profile_of_each_row(points, expected if is_alone else 1)
-            check_one_section(points, profile, layout)
-            rows = np.bincount(profile)
-            names += labels or [points.sheet] * len(rows)
-            of_file += [*rows]
-        # tables below one another in one of several files are one profile
-        counts += of_file if is_alone else [sum(of_file)]
-        parts += found
-    if not parts:
-        raise ScanError(f"{path}: no profiles in these rows")
-    first = parts[0]
-    taken["columns"] = ",".join(first.title(c) for c in first.chosen.values())
-    xz = np.concatenate([part.numbers_of("xz", blank=True) for part in parts])
-    units = {column.unit for part in parts for column in part.chosen.values()}
-    xz = in_mm(Path(commonpath(files)), xz, units, layout, taken)
-    values = np.split(xz, np.cumsum(counts)[:-1])
-    names = names if is_alone else names_of(files)
-    return Series(values, names, name=first.called)
+    place = Path(commonpath(files))
+    found = [points_or_ask(blocks, layout) for blocks in files.values()]
+    tables = [points for own in found for points in own]
+    if not tables:
+        raise ScanError(f"{place}: no profiles in these rows")
+    if len(files) == 1:
+        expected = stops if len(tables) == 1 else 0
+        rows = concat([rows_of_each(points, expected, layout) for points in tables])
+    else:
+        rows = Series([rows_of_one(own, layout) for own in found], names_of(files))
+    xz, taken = in_mm(place, tables, layout)
+    values = np.split(xz, np.cumsum(rows)[:-1])
+    return Series(values, rows.index, name=tables[0].entry), taken
 
 
-def profile_of_each_row(block: Part, expected: int) -> tuple[ndarray, list[str]]:
+def points_or_ask(blocks: list[Block], layout: Layout) -> list[Block]:
+    """The points in a file; none of one that is empty. Raises ScanError."""
+    tables = points_of_file(blocks, layout)
+    if not tables and any(len(block.table) > 1 for block in blocks):
+        raise question_on_points(blocks, layout.columns)
+    return tables
+
+
+def rows_of_one(tables: list[Block], layout: Layout) -> int:
+    """How many rows the one profile in a file has, whose tables are below one another.
+
+    Raises ScanError for tables between blank lines: no title tells what they are.
+    """
+    if len(tables) > 1 and tables[0].is_bare:
+        found = f"{len(tables)} tables: give titles, or no blank lines"
+        raise ScanError(f"{tables[0].path}: {found}")
+    return sum(rows_of_each(points, 1, layout).sum() for points in tables)
+
+
+def rows_of_each(points: Block, expected: int, layout: Layout) -> Series:
+    """How many rows each profile in a table has, under its name, or its sheet's; which
+    row is of which, `profile_of_each_row` tells. Raises Question.
+    """
+    profile, names = profile_of_each_row(points, expected)
+    check_one_section(points, profile, layout)
+    rows = np.bincount(profile)
+    return Series(rows, names or [points.sheet] * len(rows))
+
+
+def profile_of_each_row(points: Block, expected: int) -> tuple[ndarray, list[str]]:
     """The profile of each row, from 0, and what profiles are called, if they are. So
     many are expected, 0 where that is not known; if several, or not known, they are
-    told by the first of these that the block has::
+    told by the first of these that the table has::
 
         label a, a, b, b    0, 0, 1, 1, called a, b: unless a value comes back
                             later, or each row has its own, as points' numbers
@@ -208,20 +223,20 @@ def profile_of_each_row(block: Part, expected: int) -> tuple[ndarray, list[str]]
 
     and else all rows are of one.
     """
-    rows = len(block.table)
+    rows = len(points.table)
     if expected == 1:
         return np.zeros(rows, int), []
-    for column in block.having("label", "time", "t", "nth"):
-        cells = block.table[column.at].ffill()  # a label may stand once for many rows
-        profile, labels = pandas.factorize(cells, use_na_sentinel=False)
+    for column in points.having("label", "time", "t", "nth"):
+        cells = points.table[column.at].ffill()  # a label may stand once for many rows
+        profile, labels = factorize(cells, use_na_sentinel=False)
         is_of_points = column.role == "label" and len(labels) == rows != expected
         if (np.diff(profile) >= 0).all() and not is_of_points:
             return profile, [] if column.role == "nth" else [*map(label_of, labels)]
-    if block.poses:
-        posed = block.table.drop(columns=[c.at for c in block.others])
+    if points.poses:
+        posed = points.table.drop(columns=[c.at for c in points.others])
         begins = (posed != posed.shift()).any(axis=1)
     else:
-        x = Series(block.numbers_of("x", blank=True)[:, 0]).ffill().bfill()
+        x = Series(points.numbers_of("x", blank=True)[:, 0]).ffill().bfill()
         goes_back = x.diff() * (x.iloc[-1] - x.iloc[0]) < 0
         is_stack = goes_back.sum() + 1 == expected
         # or each row is one, of a point
@@ -230,23 +245,23 @@ def profile_of_each_row(block: Part, expected: int) -> tuple[ndarray, list[str]]
     return profile - profile[0], []
 
 
-def check_one_section(block: Part, profile: ndarray, layout: Layout) -> None:
+def check_one_section(points: Block, profile: ndarray, layout: Layout) -> None:
     """Raise Question where rows of a profile are of several scanners or sections, or
     lie along y.
     """
-    x, z = block.chosen.values()
-    for column in block.having("y", "sensor", "label"):
-        role, cells = column.role, block.table[column.at]
+    x, z = points.chosen.values()
+    for column in points.having("y", "sensor", "label"):
+        role, cells = column.role, points.table[column.at]
         each = cells.groupby(profile).nunique()
-        is_wanted = column.at in (x.at, z.at) or layout.wanted == (column.name, "*")
-        if each.max() < 2 or is_wanted:
+        is_said = column.at in (x.at, z.at) or layout.wanted == (column.name, "*")
+        if each.max() < 2 or is_said:
             continue
         if role == "label" and (2 * each > np.bincount(profile)).any():
             continue  # it counts points
         values = sorted(cells.dropna().unique())
-        sentence = f"{block.path}: {column.name} is {values[0]} to {values[-1]}"
-        if role == "y" and block.table[x.at].nunique() < 2:
-            answer = f"{block.title(column)},{block.title(z)}"
+        sentence = f"{points.path}: {column.name} is {values[0]} to {values[-1]}"
+        if role == "y" and points.table[x.at].nunique() < 2:
+            answer = f"{points.title(column)},{points.title(z)}"
             raise Question(f"{sentence}, x always the same", columns=answer)
         # of sections, the one in the middle
         one = label_of(min(values, key=abs) if role == "y" else values[0])
@@ -260,9 +275,9 @@ def question_on_points(blocks: list[Block], said: str) -> ScanError:
     """
     block = max(blocks, key=lambda block: len(block.table))
     unknown = [t for t in said.split(",") if t and not columns_called(block, t)]
-    sentence = f"no {listed(unknown) or 'x and z'} in columns {listed(block.titles)}"
-    row = f"a row is {listed(block.table.iloc[len(block.table) // 2])}"
-    sentence = f"{block.path}: {sentence}; {row}; --columns says them"
+    row = listed(block.table.iloc[len(block.table) // 2])
+    found = f"no {listed(unknown) or 'x and z'} in columns {listed(block.titles)}"
+    sentence = f"{block.path}: {found}; a row is {row}; --columns says them"
     numeric = block.table.select_dtypes("number")
     likely = [str(at + 1) for at in numeric if (numeric[at] % 1).any()]
     if len(likely) != 2:
@@ -270,31 +285,32 @@ def question_on_points(blocks: list[Block], said: str) -> ScanError:
     return Question(sentence, columns=",".join(likely))
 
 
-def in_mm(
-    path: Path, xz: ndarray, units: set[str], layout: Layout, taken: Taken
-) -> ndarray:
-    """Points (n, 2) as mm, and NaN where nothing was seen. Raises ScanError; Question
-    where a code or the unit is uncertain.
+def in_mm(place: Path, tables: list[Block], layout: Layout) -> tuple[ndarray, Taken]:
+    """The points (n, 2) of tables as mm, NaN where nothing was seen; and what was taken
+    for granted. Raises ScanError; Question where a code or the unit is uncertain.
     """
+    xz = np.concatenate([points.numbers_of("xz", blank=True) for points in tables])
     codes = codes_in(xz[:, 1], layout)
     unseen = np.isnan(xz).any(axis=1) | np.isin(xz[:, 1], codes)
     xz[unseen] = np.nan
     if unseen.all():
-        raise ScanError(f"{path}: nothing was seen in any profile")
+        raise ScanError(f"{place}: nothing was seen in any profile")
     # else a user says that no height stands for nothing (--missing 1e9)
     if layout.missing in (None, *codes):
-        check_codes(path, xz[~unseen], layout)
+        check_codes(place, xz[~unseen], layout)
     of_codes = {UNIT_OF_CODE.get(code, "") for code in codes} - {""}
+    units = {column.unit for points in tables for column in points.chosen.values()}
     # x or z without a unit, beside the other in um, is none in um
-    said = {layout.unit} - {""} or (of_codes if units == {""} else units)
-    units = {unit or "mm" for unit in said}
-    scale, taken["unit"] = scale_of(path, units, "mm", LENGTH_UNITS)
+    known = {layout.unit} - {""} or (of_codes if units == {""} else units)
+    scale, unit = scale_of(place, {u or "mm" for u in known}, "mm", LENGTH_UNITS)
     xz *= scale
-    check_size(path, xz, scale, bool(said))
-    taken["columns"] += f": {ranges('XZ', xz)}"
+    check_size(place, xz, scale, bool(known))
     words = listed(f"{code:.12g}" for code in codes) or "blank"
-    taken["missing"] = f"{words}: {unseen.sum()} of {len(xz)} points"
-    return xz
+    first = tables[0]
+    titles = ",".join(map(first.title, first.chosen.values()))
+    columns = f"{titles}: {ranges('XZ', xz)}"
+    missing = f"{words}: {unseen.sum()} of {len(xz)} points"
+    return xz, {"columns": columns, "unit": unit, "missing": missing}
 
 
 def codes_in(z: ndarray, layout: Layout) -> list[float]:
@@ -316,11 +332,13 @@ def check_size(path: Path, xz: ndarray, scale: float, is_said: bool) -> None:
     width, largest = np.ptp(x), np.abs([x, z]).max()
     is_narrow = 0 < width < NARROW_MM and not is_said
     if is_narrow or not READINGS_MM[0] <= largest <= FARTHEST_MM:
-        found = f"{width:.4g} mm wide, up to {largest:.4g} mm away; is it the unit"
-        usual = np.log(LIKELY_MM / largest * scale)  # of the unit, in mm
-        likely = min(LENGTH_UNITS, key=lambda u: abs(np.log(LENGTH_UNITS[u]) - usual))
-        hint = "(of x and of z?), or a code for nothing seen (--missing)?"
-        raise Question(f"{path}: {found} {hint}", unit=likely)
+        usual = LIKELY_MM / largest * scale  # of the unit, in mm
+        likely = min(LENGTH_UNITS, key=lambda u: abs(np.log(LENGTH_UNITS[u] / usual)))
+        raise Question(
+            f"{path}: {width:.4g} mm wide, up to {largest:.4g} mm away; is it the unit "
+            "(of x and of z?), or a code for nothing seen (--missing)?",
+            unit=likely,
+        )
 
 
 def check_codes(path: Path, xz: ndarray, layout: Layout) -> None:
@@ -332,8 +350,8 @@ def check_codes(path: Path, xz: ndarray, layout: Layout) -> None:
             found = f"{path}: z is {code:.12g} at {count} of {len(z)} points"
             if layout.missing is not None:
                 raise ScanError(f"{found}: a second code? leave them blank")
-            hint = "was nothing seen there? (else: --missing 1e9)"
-            raise Question(f"{found}; {hint}", missing=code)
+            sentence = f"{found}; was nothing seen there? (else: --missing 1e9)"
+            raise Question(sentence, missing=code)
 
 
 def is_likely_code(xz: ndarray, code: float) -> bool:

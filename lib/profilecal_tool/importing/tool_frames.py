@@ -1,8 +1,7 @@
 """Tools and bases that programs declare: taken off poses, named, or asked about."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 from pandas import DataFrame
@@ -10,15 +9,16 @@ from pandas import DataFrame
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import Convention, named, pose_matrices
 from profilecal.scan.tables import ScanError, listed, naming
-from profilecal_tool.importing.blocks import Block, Part, label_of
+from profilecal_tool.importing.blocks import Block, label_of
 from profilecal_tool.importing.makers import ROBOTS, WORDS, XYZ
-from profilecal_tool.importing.questions import Layout, Question, Taken
-from profilecal_tool.importing.robot_poses import Entries, angle_of, length_of
+from profilecal_tool.importing.questions import Layout, Question
+from profilecal_tool.importing.robot_poses import Fields, angle_of, length_of
 
-Program = dict[str, list[dict[str, str]]]  # rows of each kind of line
+Row = dict  # what stands in a line, by name
+Program = dict[str, list[Row]]  # the rows of each kind of line
 
 
-def lines_of_program(blocks: Iterable[Block], maker: str) -> Program:
+def lines_of_program(blocks: list[Block], maker: str) -> Program:
     """What lines of each kind say in a maker's programs, in any file."""
     program = defaultdict(list)
     for block in blocks:
@@ -28,7 +28,7 @@ def lines_of_program(blocks: Iterable[Block], maker: str) -> Program:
     return program
 
 
-def tools_in_data(blocks: Iterable[Block], poses: Part) -> list[dict[str, Any]]:
+def tools_in_data(blocks: list[Block], poses: Block) -> list[Row]:
     """Frames that no program of these poses declares: poses that do not change and are
     called a tool; and tools of programs beside poses in a table, without numbers, for
     these may be in other units.
@@ -37,79 +37,68 @@ def tools_in_data(blocks: Iterable[Block], poses: Part) -> list[dict[str, Any]]:
     for block in blocks:
         if block.kind == "tool" and not poses.robot:
             tools.append({"name": block.path.stem})
-        for part in block.poses.values():
-            name = (part.called or part.sheet).lower()
+        for own in block.poses.values():
+            name = (own.entry or own.sheet).lower()
             if name not in WORDS["tool"]:
                 continue
-            numbers = part.numbers_of(part.chosen)
-            frames = DataFrame(numbers, columns=[*part.chosen]).drop_duplicates()
+            numbers = own.numbers_of(own.chosen)
+            frames = DataFrame(numbers, columns=[*own.chosen]).drop_duplicates()
             # beside each pose in Universal Robots' logs: used at once
             is_beside = name == "tcp_offset" and block.columns == poses.columns
             if is_beside or len(frames) == 1:
-                frames = frames.assign(name="" if is_beside else name)
-                tools += frames.to_dict("records")
+                named = frames.assign(name="" if is_beside else name)
+                tools += named.to_dict("records")
     return tools
 
 
-class Use(NamedTuple):
-    """A line of a program that says which frame moves have; in small letters."""
-
-    pose: str  # the one that is moved to; "" where the line names none
-    frame: str
-
-
 def of_one_frame(
-    poses: Part, program: Program, which: str, layout: Layout
-) -> tuple[Part, str]:
+    poses: Block, program: Program, which: str, layout: Layout
+) -> tuple[Block, str]:
     """The poses of one frame, and its name: the one that a user says, or else the only
     one that there is; "" if none is known. `which`: "tool" or "base".
 
-    Raises ScanError; Question where poses have several.
+    Raises Question where poses have several; ScanError where lines of no pose do.
     """
     rows = [row for row in program["uses"] if row.get(which)]
-    uses = [Use(row.get("name", "").lower(), row[which].lower()) for row in rows]
+    uses = [(row.get("name", "").lower(), row[which].lower()) for row in rows]
     column, said = layout.wanted
     if column == which:
-        uses.append(Use("", said))
-    of_all = frame_of_all(poses, uses, which)
+        uses.append(("", said))
+    of_all = sorted({frame for pose, frame in uses if not pose})
+    if len(of_all) > 1:
+        raise ScanError(
+            f"{poses.path}: no line says which poses are of {which} "
+            f"{' or '.join(of_all)}; split it, one per {which}"
+        )
     if column == which:
-        return without(poses, {use.pose for use in uses if use.frame != said}), said
-    return poses, only_frame(poses, uses, which, of_all)
+        return without(poses, {pose for pose, frame in uses if frame != said}), said
+    return poses, only_frame(poses, uses, which)
 
 
-def frame_of_all(poses: Part, uses: list[Use], which: str) -> str:
-    """The frame of the lines that name no pose; "" if there are none. Raises ScanError
-    where they have several.
-    """
-    frames = sorted({use.frame for use in uses if not use.pose})
-    if len(frames) > 1:
-        sentence = f"no line says which poses are of {which} {' or '.join(frames)}"
-        raise ScanError(f"{poses.path}: {sentence}; split it, one per {which}")
-    return "".join(frames)
-
-
-def only_frame(poses: Part, uses: list[Use], which: str, of_all: str) -> str:
+def only_frame(poses: Block, uses: list, which: str) -> str:
     """The one frame that lines and columns say; "" if there is none, or if lines say of
-    some poses alone that they have none.
+    some poses alone that they have none. `uses`: lines' poses, "" for all, and frames.
 
     Raises Question for several. Its answer is the frame of all, or the one that is used
     most often: of equals a program's first tool, but in a table the flange.
     """
     columns = [poses.table[column.at] for column in poses.having(which)]
     in_columns = [label_of(cell).lower() for cells in columns for cell in cells]
-    frames = [use.frame for use in uses] + in_columns
+    frames = [frame for _, frame in uses] + in_columns
     names, none = [*dict.fromkeys(frames)], WORDS[f"no_{which}"]
+    lines = dict(uses)
+    of_all = lines.get("")
     if len(names) > 1:
         names.sort(key=none.__contains__, reverse=not poses.robot)
         answer = of_all or max(names, key=frames.count)
-        sentence = f"moves have {which}s {listed(names)}; of which are the poses?"
-        raise Question(f"{poses.path}: {sentence}", where=f"{which}={answer}")
+        several = f"{poses.path}: moves have {which}s {listed(names)}"
+        raise Question(f"{several}; of which are the poses?", where=f"{which}={answer}")
     labels = {label.lower() for label in poses.labels.get("name", [""])}
-    of_each = of_all or columns or labels <= {use.pose for use in uses}
+    of_each = of_all or columns or labels <= lines.keys()
     return "".join(name for name in names if of_each or name not in none)
 
 
-def without(poses: Part, names: set[str]) -> Part:
+def without(poses: Block, names: set[str]) -> Block:
     """The poses but for those of some names, in small letters."""
     labels = poses.labels.get("name", [])
     kept = [row for row, label in enumerate(labels) if label.lower() not in names]
@@ -117,10 +106,12 @@ def without(poses: Part, names: set[str]) -> Part:
 
 
 def of_one_tool(
-    poses: Part, program: Program, layout: Layout, taken: Taken
-) -> tuple[Part, Sequence[float] | None]:
-    """The poses of one tool, and its numbers: position and angles as they stand; None
-    if it is the flange. Raises Question.
+    poses: Block, program: Program, beside: list[Row], layout: Layout
+) -> tuple[Block, Sequence[float] | None, str]:
+    """The poses of one tool; its numbers, which are position and angles as they stand,
+    None for the flange; and words on it. `beside`: tools that no program declares.
+
+    Raises ScanError; Question.
     """
     poses, base = of_one_frame(poses, program, "base", layout)
     poses, used = of_one_frame(poses, program, "tool", layout)
@@ -128,27 +119,25 @@ def of_one_tool(
     if layout.tool:
         numbers, words = layout.tool, "the one given, taken off"
     else:
-        kind = ROBOTS[poses.robot].tools_in if used and poses.robot else "tool"
-        numbers = numbers_of_tool(poses, program[kind], used)
+        stand_as_poses = used and poses.robot and ROBOTS[poses.robot].tools_in == "pose"
+        rows = program["pose"] if stand_as_poses else program["tool"] + beside
+        numbers = numbers_of_tool(poses, rows, used)
         if numbers:
             words = f"{used or 'one'} at {[*numbers[:3]]}, taken off"
-        if kind == "pose":
+        if stand_as_poses:
             poses = without(poses, {used})
     if base not in {"", *WORDS["no_base"]}:
         words += f"; in base {base}, not taken off"
     if program["moved"]:
         words += "; moves beside poses, such as offsets, are not read"
-    taken["tool"] = words
-    return poses, numbers
+    return poses, numbers, words
 
 
-def numbers_of_tool(
-    poses: Part, rows: list[dict[str, Any]], used: str
-) -> Sequence[float] | None:
+def numbers_of_tool(poses: Block, rows: list[Row], used: str) -> Sequence[float] | None:
     """The numbers of the tool that poses have, of rows that say them of tools, in the
     poses' convention; None where there are no tools. Raises Question.
     """
-    tools = []  # names and numbers
+    tools = []  # with a name and numbers
     with naming(f"{poses.path}: tool"):
         for row in rows:
             numbers = tuple(float(row.get(role, "nan")) for role in poses.chosen)
@@ -159,21 +148,25 @@ def numbers_of_tool(
         return own.pop()
     if own or used not in {"", *WORDS["no_tool"]}:
         which = f"tool {used}" if used else "a tool without a name"
-        sentence = f"poses are of {which}, of which {len(own)} frames are here"
-        hint = "where is it on the flange? (X Y Z in mm, angles as poses have)"
         letters = map(str.upper, (*XYZ, *convention_of_tool(poses).columns))
-        raise Question(f"{poses.path}: {sentence}; {hint}", tool=[*letters])
+        raise Question(
+            f"{poses.path}: poses are of {which}, of which {len(own)} frames are here; "
+            "where is it on the flange? (X Y Z in mm, angles as poses have)",
+            tool=[*letters],
+        )
     # what is at the flange's origin is none
     declared = sorted({name for name, found in tools if any(found[:3])})
     if declared and not used:
         answer = declared[0] if len(declared) == 1 else "NAME"
-        sentence = f"tool {' or '.join(declared)} is declared, which no known line uses"
-        hint = "are poses of it? (--tool 0 0 0 0 0 0: of the flange)"
-        raise Question(f"{poses.path}: {sentence}; {hint}", where=f"tool={answer}")
+        raise Question(
+            f"{poses.path}: tool {' or '.join(declared)} is declared, which no known "
+            "line uses; are poses of it? (--tool 0 0 0 0 0 0: of the flange)",
+            where=f"tool={answer}",
+        )
     return None
 
 
-def convention_of_tool(poses: Part) -> Convention:
+def convention_of_tool(poses: Block) -> Convention:
     """Of a tool's angles, as a user says them: the poses', or W, P, R where these have
     no three.
     """
@@ -181,17 +174,17 @@ def convention_of_tool(poses: Part) -> Convention:
     return turn if len(turn.columns) == 3 else named("FANUC angles")
 
 
-def entries_of_flange(
-    entries: Entries, poses: Part, tool: Sequence[float], layout: Layout
-) -> Entries:
-    """Entries of a Scan with the flange's poses in place of the tool's (3 + k,)."""
+def fields_of_flange(
+    fields: Fields, poses: Block, tool: Sequence[float], layout: Layout
+) -> Fields:
+    """Fields of a Scan with the flange's poses in place of the tool's (3 + k,)."""
     turn, length, (angle, _) = poses.convention, length_of(poses)[0], angle_of(poses)
     if layout.tool:  # which a user says in mm
         turn, length = convention_of_tool(poses), 1.0
     position, angles = np.split(np.array([tool]), [3], axis=1)
     T_flange_tool = pose_matrices(position * length, angles * angle, turn.name)
-    # what the entries say of the flange is so far of the tool
-    T_base_tool = homogeneous(entries["R_base_flange"], entries["p_base_flange"])
+    # what the fields say of the flange is so far of the tool
+    T_base_tool = homogeneous(fields["R_base_flange"], fields["p_base_flange"])
     T = T_base_tool @ np.linalg.inv(T_flange_tool)
     flange = {"R_base_flange": T[:, :3, :3], "p_base_flange": T[:, :3, 3]}
-    return entries | flange | {"orientation": None}
+    return fields | flange | {"orientation": None}

@@ -50,7 +50,7 @@ from profilecal.scan.tables import ScanError
 from profilecal_tool.importing.import_scan import Layout, import_scan
 from profilecal_tool.importing.makers import ROBOTS, robot_of
 from profilecal_tool.importing.program_lines import matches_of, program_blocks
-from profilecal_tool.importing.robot_poses import pose_entries, robot_poses
+from profilecal_tool.importing.robot_poses import pose_fields, robot_poses
 from profilecal_tool.importing.tool_frames import lines_of_program
 
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "30"))
@@ -700,10 +700,10 @@ def test_a_first_example_is_at_this_position_and_turned_so(maker):
     robot, path = ROBOTS[maker], Path(maker)
     program = f"{robot.has}\n{robot.pose[0][1]}"
     found = robot_poses({path: [*program_blocks(path, program)]}, Layout())
-    entries = pose_entries(found, ["p"], {})
+    fields, _ = pose_fields(found, ["p"])
     position, matrix = (np.array(text.split(), float) for text in EXPECTED[maker])
-    assert_allclose(entries["p_base_flange"][0], position, atol=0.4)
-    assert_allclose(entries["R_base_flange"][0].ravel(), matrix, atol=0.002)
+    assert_allclose(fields["p_base_flange"][0], position, atol=0.4)
+    assert_allclose(fields["R_base_flange"][0].ravel(), matrix, atol=0.002)
 
 
 @pytest.mark.parametrize(
@@ -712,7 +712,6 @@ def test_a_first_example_is_at_this_position_and_turned_so(maker):
         ({"poses": []}, "robot 'Acme': unknown entry 'poses'; there are maker, pose"),
         ({"pose": ["P $x"]}, "robot 'Acme': pose is ['P $x']; expected [["),
         ({"maker": 7}, "robot 7: maker is 7; expected one line of text"),
-        ({"unit": "km"}, "unit is 'km'; expected mm"),
     ],
 )
 def test_a_row_says_what_a_row_may(entry, words):
