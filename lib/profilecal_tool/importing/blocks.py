@@ -216,12 +216,22 @@ def lists_among(columns: Iterable[Column]) -> dict[str, list[Column]]:
 
 def roles_of_list(cells: DataFrame, name: str) -> tuple[list[str], str]:
     """The roles of a list's numbers, and whose they are: told by its name, by the
-    name's last word or by its first, or for any name by how many there are::
+    name's last word or by its first, or for any name by how many there are.
 
-        tcp_pos, 3 numbers    x y z, of tcp
-        rvec_robot, 3         rx ry rz, of robot
-        T_base_flange, 16     r11 r12 r13 x … 0 0 0 1, of t_base_flange
-        joints, 6             none: not known
+    >>> roles_of_list(DataFrame([[7, 8, 9]]), "tcp_pos")
+    (['x', 'y', 'z'], 'tcp')
+    >>> roles_of_list(DataFrame([[7, 8, 9]]), "rvec_robot")
+    (['rx', 'ry', 'rz'], 'robot')
+    >>> matrix = [[1, 0, 0, 7], [0, 1, 0, 8], [0, 0, 1, 9], [0, 0, 0, 1]]
+    >>> roles, owner = roles_of_list(DataFrame([sum(matrix, [])]), "T")
+    >>> roles[:5], owner
+    (['r11', 'r12', 'r13', 'x', 'r21'], 'T')
+    >>> roles_of_list(DataFrame([[1, 2, 3, 4, 5, 6]]), "joints")  # not known
+    ([], 'joints')
+    >>> roles_of_list(DataFrame([[7, 8]]), "")
+    (['x', 'z'], '')
+    >>> roles_of_list(DataFrame([[7, 8]]), "any")
+    ([], 'any')
     """
     count = cells.shape[1]
     before, _, last = name.rpartition("_")

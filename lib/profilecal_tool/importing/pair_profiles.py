@@ -150,15 +150,20 @@ def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
 
 def ways_to_compare(labels: list[str], names: list[str]) -> Iterator[tuple]:
     """Ways to compare: whether by more than a number, by what, what labels have, and
-    what names want. Of labels p1, p2 and names scan_0, scan_1::
+    what is sought for names.
 
-        True, "names"                                      p1, p2    scan_0, scan_1
-        False, "number 1 in the names"                     1, 2      0, 1
-        False, "number 1 in the names, from 0 and from 1"  1, 2      1, 2
+    >>> for way in ways_to_compare(["p1", "p2", "p3"], ["a/scan_0.csv", "scan_1"]):
+    ...     print(*way)
+    True names ['p1', 'p2', 'p3'] ['scan_0', 'scan_1']
+    False number 1 in the names, from 0 and from 1 [1, 2, 3] [1, 2]
+    >>> for way in ways_to_compare(["1.1", "1.10"], ["1", "2"]):
+    ...     print(*way)
+    True numbers in the names [(1, 1), (1, 10)] [(1,), (2,)]
+    False number 1 in the names [1, 10] (1, 2)
 
     Names are without folder and ending; they are no names if they are only numbers.
-    Several numbers, as in 2_07, are compared as a whole too, or else the last of a
-    label. Of the last two ways it is the one that fits all names, or both.
+    Several numbers, as in 1.10, are compared as a whole too, or else the last of a
+    label. Numbers as they are, or one higher: the way that fits all names, or both.
     """
     stems = [*map(stem_of, names)]
     if not "".join(stems).isdigit():

@@ -123,9 +123,18 @@ def is_readable(path: Path) -> bool:
 
 
 def dialect(text: str) -> tuple[str | None, bool]:
-    """What stands between columns (None: spaces), and whether commas are decimal ones:
-    so they are in "1;2,5", and in "1,5 2,5", with one before and one behind a space;
-    but not in "1,433;2.5".
+    """What stands between columns (None: spaces), and whether commas are decimal ones.
+
+    >>> dialect("1,2")
+    (',', False)
+    >>> dialect("1;2,5")
+    (';', True)
+    >>> dialect("1,433;2.5;")  # with a point, they are no decimal ones
+    (';', False)
+    >>> dialect("1,5 2,5")  # one before a space, and one behind it
+    (None, True)
+    >>> dialect("x|z" + 2 * "\\n1|2")  # in most rows of numbers
+    ('|', True)
     """
     rows = [line for line in text.splitlines() if re.search(r"\d", line)]
     most = len(rows) / 2
@@ -171,6 +180,17 @@ def row_where_numbers_begin(rows: list[list[str]]) -> int:
     """The first row of numbers; their end if there is none. It has two numbers, or one
     and no word; and no word of it stands above a number, if it is not below titles,
     where it is a label. Rows of nothing but NaN just above belong to it.
+
+    >>> row_where_numbers_begin([["n", "x", "z"], ["p1", "1", "2"], ["p2", "1", "3"]])
+    1
+    >>> row_where_numbers_begin([["x", "z"], ["nan", "nan"], ["1", "2"]])
+    1
+    >>> row_where_numbers_begin([["FOV", "9", "9"], ["7", "8", "9"]])  # a head
+    1
+    >>> row_where_numbers_begin([["pitch", "2"], ["x", "z"], ["1", "2"]])
+    2
+    >>> row_where_numbers_begin([["x", "z"], ["mm", "mm"]])
+    2
     """
     # NaN for nothing, infinity for a word
     values = [[*map(cell_number, row)] for row in rows]

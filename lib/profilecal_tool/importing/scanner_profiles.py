@@ -357,6 +357,16 @@ def check_codes(path: Path, xz: ndarray, layout: Layout) -> None:
 def is_likely_code(xz: ndarray, code: float) -> bool:
     """Whether a height is farther from all other points than these are from each other,
     and recurs or is very large; or it is 0, and several points are 0, 0.
+
+    >>> seen = [[0, 100], [9, 105]]
+    >>> for others in ([[2, -1], [3, -1]], [[2, -1]], [[2, 1e6]], [[2, 99], [3, 99]]):
+    ...     print(bool(is_likely_code(np.array(seen + others), others[0][1])))
+    True
+    False
+    True
+    False
+    >>> bool(is_likely_code(np.array([[0, 0], [0, 0], [1, 5], [2, -5]]), 0))
+    True
     """
     if code == 0 and (xz == 0).all(axis=1).sum() > 1:
         return True
