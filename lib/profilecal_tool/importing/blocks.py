@@ -149,17 +149,16 @@ class Block:
         return [c for role in roles for c in self.others if c.role == role]
 
 
-Files = dict[Path, list[Block]]  # files, and the blocks in each
+Blocks = list[Block]
+Files = dict[Path, Blocks]  # the blocks in each file
 
 
-def blocks_of_entry(
-    blocks: list[Block], said: str, liked: str, what: str
-) -> list[Block]:
+def blocks_of_entry(blocks: Blocks, said: str, liked: str, what: str) -> Blocks:
     """The blocks of one entry: the one that a user says, or else of the robot, and with
     a word that is liked, such as flange. Raises Question for several.
     """
 
-    def fit(entry: str) -> tuple[bool, ...]:
+    def fit(entry: str) -> tuple:
         """How well an entry fits; what counts most stands first. The one said may be of
         other files; then it decides nothing here. If none is said, one without a name
         comes before all others.

@@ -14,7 +14,7 @@ from profilecal.geometry.progress import watched
 from profilecal.scan.folder import NO_POSES, check_header, scan_of
 from profilecal.scan.scan import Scan, checked_log
 from profilecal.scan.tables import ScanError, listed, naming
-from profilecal_tool.importing.blocks import Block, Files, counted, label_of
+from profilecal_tool.importing.blocks import Block, Blocks, Files, counted, label_of
 from profilecal_tool.importing.pair_profiles import Pairing, Times, pair_profiles
 from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_ask
 from profilecal_tool.importing.read_file import (
@@ -38,7 +38,6 @@ from profilecal_tool.importing.tool_frames import (
     fields_of_flange,
     lines_of_program,
     of_one_tool,
-    tools_in_data,
 )
 
 NOTHING_SAID = Layout()
@@ -57,12 +56,11 @@ def import_scan(
     about = {"title": folder.resolve().name, "mount": layout.mount, "target": target}
     header, _ = check_header(folder, about)
     poses, values, blocks, taken = read_folder(folder, layout)
-    program = lines_of_program(blocks, poses.robot)
-    tools = tools_in_data(blocks, poses)
-    poses, tool, words_on_tool = of_one_tool(poses, program, tools, layout)
+    poses, tool, words_on_tool = of_one_tool(poses, blocks, layout)
     if poses.table.empty:
         raise ScanError(f"{poses.path}: no poses where {layout.where}")
-    moves = [row.get("name") for row in program["uses"]]
+    uses = lines_of_program(blocks, poses.robot)["uses"]
+    moves = [row.get("name") for row in uses]
     pairing = pair_profiles(poses, [*values.index], moves, layout)
     if not all(values.index):
         values.index = counted(len(values))
@@ -80,9 +78,7 @@ def import_scan(
     return scan_of(folder, header | fields | measured), taken
 
 
-def read_folder(
-    folder: Path, layout: Layout
-) -> tuple[Block, Series, list[Block], Taken]:
+def read_folder(folder: Path, layout: Layout) -> tuple[Block, Series, Blocks, Taken]:
     """The robot's poses, the profiles under their names, all that files hold, and what
     was taken for granted. Raises ScanError.
     """
@@ -146,7 +142,7 @@ def with_rows_wanted(block: Block, layout: Layout) -> Block:
     return block
 
 
-def check_wanted(folder: Path, blocks: list[Block], layout: Layout) -> None:
+def check_wanted(folder: Path, blocks: Blocks, layout: Layout) -> None:
     """Raise ScanError where rows are wanted by a column that no block has."""
     names = {n for block in blocks for c in block.others for n in (c.name, c.role)}
     if layout.wanted[0] not in {*names, "", "tool", "base"}:
@@ -182,9 +178,7 @@ def which_hold_what(
     return pose, profile
 
 
-def patterns_by_content(
-    families: Families, first: dict[str, list[Block]], layout: Layout
-) -> list[list[str]]:
+def patterns_by_content(families: Families, first: dict, layout: Layout) -> list:
     """The patterns that no one has said, of most files first, by the blocks of their
     first files: those of poses, those of points, and those without titles that tell.
 

@@ -55,7 +55,7 @@ class Robot:
     moved: Pairs = ()
 
 
-def robot_of(row: dict[str, Any]) -> Robot:
+def robot_of(row: dict) -> Robot:
     """The robot of a row. Raises ScanError for an entry that is missing, unknown or of
     another kind, with the maker and what is expected.
     """

@@ -80,10 +80,10 @@ def paired_in_order(
     """
     rows = np.array(used or range(len(poses.table)))
     if layout.times or len(names) != len(rows):
+        counts = f"{len(names)} profiles for {len(rows)} poses"
         raise ScanError(
-            f"{poses.path}: {len(names)} profiles for {len(rows)} poses, and no label "
-            "or time that both have; add a column, or say which files: --profiles, or "
-            "when they were taken: --times"
+            f"{poses.path}: {counts}, and no label or time that both have; add a column"
+            ", or say which files: --profiles, or when they were taken: --times"
         )
     for column in poses.having("label"):
         numbers = to_numeric(poses.table[column.at], errors="coerce").dropna()
@@ -117,8 +117,7 @@ def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
         for is_whole, what, keys, sought in ways_to_compare(labels, names):
             row_of = {key: row for row, key in enumerate(keys)}
             rows = np.array([row_of.get(key, -1) for key in sought])
-            served = len({*rows} - {-1}) / len(row_of)
-            share = min((rows >= 0).mean(), served)
+            share = min((rows >= 0).mean(), len({*rows} - {-1}) / len(row_of))
             if share > 0.5:
                 how = f"by {title} and the {what}"
                 matches.append(Match((is_whole, share), rows, how, keys, title))
@@ -132,9 +131,9 @@ def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
         if other.title != best.title:  # a lost cell makes a label serve fewer
             is_as_good = other.rank[0] == best.rank[0]
         if is_as_good and differs.any():
-            sentence = f"which pose has {names[differs.argmax()]}"
+            name = names[differs.argmax()]
             raise ScanError(
-                f"{poses.path}: {sentence}: {best.how} or {other.how}? "
+                f"{poses.path}: which pose has {name}: {best.how} or {other.how}? "
                 "Rename the profiles' files, or --pose-columns: _ for other columns"
             )
     for name, row in zip(names, best.rows, strict=True):

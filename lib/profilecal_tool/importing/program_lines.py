@@ -81,10 +81,10 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
             begin, end = map(re.escape, remark)
             rest = blanked(rf"(?s){begin}.*?({end}|\Z)", rest)
         # poses come last: else a line of a tool would be one of a pose
-        every = ("base", "tool", "uses", "moved", "pose")
-        # a listing of tools is no program: it has no text that programs have
-        kinds = every if robot.has in text else ("tool",)
-        for kind in kinds:
+        for kind in ("base", "tool", "uses", "moved", "pose"):
+            # a listing of tools is no program: it has no text that programs have
+            if robot.has not in text and kind != "tool":
+                continue
             forms = [form for form, _ in getattr(robot, kind)]
             table, without = matches_of(forms, rest)
             if kind not in OF_MOVES:  # a move may have a pose in it, which comes later

@@ -7,7 +7,6 @@ from shutil import copy
 from typing import Annotated, Any
 
 import numpy as np
-from numpy import ndarray
 
 from profilecal.scan.folder import read_header, write_scan
 from profilecal.scan.scan import Scan
@@ -69,7 +68,7 @@ class Layout:
         return name, value
 
 
-def ranges(axes: str, points: ndarray) -> str:
+def ranges(axes: str, points: np.ndarray) -> str:
     """Where points (n, axes) are, mm: X 1.0 to 2.0, Z 3.0 to 4.0 mm."""
     pairs = zip(axes, points.T, strict=True)
     ends = [f"{axis} {np.nanmin(x):.1f} to {np.nanmax(x):.1f}" for axis, x in pairs]

@@ -32,6 +32,7 @@ MARKS = b"#% \r\n"  # around titles
 BEGIN = 100_000  # characters that tell what a table is like
 HEAD = 50  # lines within which numbers begin
 EDGES = " \"'"  # of cells
+Rows = list[list[str]]  # the cells of lines
 AS_IT_IS = {
     "header": None,
     "index_col": False,
@@ -145,9 +146,7 @@ def dialect(text: str) -> tuple[str | None, bool]:
     return mark, mark != "," and not has_points
 
 
-def runs_of_lines(
-    path: Path, content: bytes, between: bytes | None
-) -> Iterator[tuple[int, int, int]]:
+def runs_of_lines(path: Path, content: bytes, between: bytes | None) -> Iterator[tuple]:
     """The first line, the end, and the offset in bytes of each run of lines that have
     equally many fields. Blank lines end a run, and so do remarks below numbers.
     """
@@ -170,13 +169,13 @@ def runs_of_lines(
         yield begin, end, offset_of_run
 
 
-def cells_of(lines: Iterable[bytes], between: bytes | None) -> list[list[str]]:
+def cells_of(lines: Iterable[bytes], between: bytes | None) -> Rows:
     """The text of each cell of lines."""
     rows = [line.strip(MARKS).split(between) for line in lines]
     return [[c.decode(errors="ignore").strip(EDGES) for c in row] for row in rows]
 
 
-def row_where_numbers_begin(rows: list[list[str]]) -> int:
+def row_where_numbers_begin(rows: Rows) -> int:
     """The first row of numbers; their end if there is none. It has two numbers, or one
     and no word; and no word of it stands above a number, if it is not below titles,
     where it is a label. Rows of nothing but NaN just above belong to it.
@@ -207,7 +206,7 @@ def row_where_numbers_begin(rows: list[list[str]]) -> int:
     return first
 
 
-def titles_in(rows: list[list[str]]) -> list[str]:
+def titles_in(rows: Rows) -> list[str]:
     """The last row of words, or the one above it with the units that it says."""
     if not rows:
         return []

@@ -13,6 +13,7 @@ from profilecal.scan.folder import check_poses
 from profilecal.scan.tables import ScanError, Table, listed
 from profilecal_tool.importing.blocks import (
     Block,
+    Blocks,
     Column,
     Files,
     blocks_of_entry,
@@ -42,7 +43,7 @@ OF_ABB = named("quaternion").columns
 OF_LIBRARIES = ("qx", "qy", "qz", "qw")
 
 
-def poses_in(blocks: list[Block], said: str) -> list[Block]:
+def poses_in(blocks: Blocks, said: str) -> Blocks:
     """The poses in the blocks of a file; `said`: titles from a user."""
     titles, found = said.split(","), []
     for block in blocks:
@@ -118,7 +119,7 @@ def check_columns(poses: Block) -> None:
             raise question_on_columns(poses, "which of those called alike?")
 
 
-def question_on_file(path: Path, blocks: list[Block], said: str) -> ScanError:
+def question_on_file(path: Path, blocks: Blocks, said: str) -> ScanError:
     """Why there are no poses in a file; what its columns are, where that is likely."""
     blocks = [block for block in blocks if block.kind == "pose"]  # not tools
     if not blocks:

@@ -14,6 +14,7 @@ from profilecal.scan.tables import ScanError, cell_number, listed
 from profilecal_tool.importing.blocks import (
     LARGEST_POSE,
     Block,
+    Blocks,
     Column,
     Files,
     blocks_of_entry,
@@ -69,7 +70,7 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     table = rows.loc[rows.index.repeat(len(z))]
     further = {
         "nth": np.arange(len(heights))[:, None],
-        "profile x": x_of_heights(block, x, z, layout),
+        "profile x": x_of_heights(block, layout),
         "profile z": heights,
     }
     for at, (title, cells) in enumerate(further.items(), len(block.columns)):
@@ -78,13 +79,12 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     return replace(block, table=table, columns=beside)
 
 
-def x_of_heights(
-    block: Block, x: list[Column], z: list[Column], layout: Layout
-) -> ndarray:
+def x_of_heights(block: Block, layout: Layout) -> ndarray:
     """Where along x the columns of heights are: in columns of their own, in titles that
     do not only count, from 0 or 1, or by a start and a pitch, said or in words where
     the file begins. Raises ScanError where those are not there, or differ.
     """
+    x, z = block.having("x"), block.having("z")
     if len(x) == len(z):
         return block.numbers(x, blank=True)
     places = np.array([cell_number(column.title) for column in z])
@@ -111,12 +111,11 @@ def points_in(block: Block, said: str) -> Block | None:
 
     Raises Question.
     """
-    pairs = {
-        f"{block.title(x)},{block.title(z)}": [x, z]
-        for x in block.having("x")
-        for z in block.having("z")
-        if x.owner == z.owner
-    }
+    pairs = {}
+    for x in block.having("x"):
+        for z in block.having("z"):
+            if x.owner == z.owner:
+                pairs[f"{block.title(x)},{block.title(z)}"] = [x, z]
     if said:
         pair = columns_called(block, said)
         pairs = {said: pair} if len(pair) == 2 else {}
@@ -144,7 +143,7 @@ def columns_called(block: Block, said: str) -> list[Column]:
     return [column._replace(unit=unit or column.unit) for column, unit in there]
 
 
-def points_of_file(blocks: list[Block], layout: Layout) -> list[Block]:
+def points_of_file(blocks: Blocks, layout: Layout) -> Blocks:
     """The points in the blocks of a file, of one entry; none where the largest block
     has none. Raises Question.
     """
@@ -179,7 +178,7 @@ def read_profiles(files: Files, stops: int, layout: Layout) -> tuple[Series, Tak
     return Series(values, rows.index, name=tables[0].entry), taken
 
 
-def points_or_ask(blocks: list[Block], layout: Layout) -> list[Block]:
+def points_or_ask(blocks: Blocks, layout: Layout) -> Blocks:
     """The points in a file; none of one that is empty. Raises ScanError."""
     tables = points_of_file(blocks, layout)
     if not tables and any(len(block.table) > 1 for block in blocks):
@@ -187,7 +186,7 @@ def points_or_ask(blocks: list[Block], layout: Layout) -> list[Block]:
     return tables
 
 
-def rows_of_one(tables: list[Block], layout: Layout) -> int:
+def rows_of_one(tables: Blocks, layout: Layout) -> int:
     """How many rows the one profile in a file has, whose tables are below one another.
 
     Raises ScanError for tables between blank lines: no title tells what they are.
@@ -254,10 +253,9 @@ def check_one_section(points: Block, profile: ndarray, layout: Layout) -> None:
         role, cells = column.role, points.table[column.at]
         each = cells.groupby(profile).nunique()
         is_said = column.at in (x.at, z.at) or layout.wanted == (column.name, "*")
-        if each.max() < 2 or is_said:
+        counts_points = role == "label" and (2 * each > np.bincount(profile)).any()
+        if each.max() < 2 or is_said or counts_points:
             continue
-        if role == "label" and (2 * each > np.bincount(profile)).any():
-            continue  # it counts points
         values = sorted(cells.dropna().unique())
         sentence = f"{points.path}: {column.name} is {values[0]} to {values[-1]}"
         if role == "y" and points.table[x.at].nunique() < 2:
@@ -269,7 +267,7 @@ def check_one_section(points: Block, profile: ndarray, layout: Layout) -> None:
         raise Question(f"{sentence} in one profile{hint}", where=f"{column.name}={one}")
 
 
-def question_on_points(blocks: list[Block], said: str) -> ScanError:
+def question_on_points(blocks: Blocks, said: str) -> ScanError:
     """Which columns are x and z; likely two, if no others have more than whole numbers,
     as counts and intensities are.
     """
@@ -285,7 +283,7 @@ def question_on_points(blocks: list[Block], said: str) -> ScanError:
     return Question(sentence, columns=",".join(likely))
 
 
-def in_mm(place: Path, tables: list[Block], layout: Layout) -> tuple[ndarray, Taken]:
+def in_mm(place: Path, tables: Blocks, layout: Layout) -> tuple[ndarray, Taken]:
     """The points (n, 2) of tables as mm, NaN where nothing was seen; and what was taken
     for granted. Raises ScanError; Question where a code or the unit is uncertain.
     """

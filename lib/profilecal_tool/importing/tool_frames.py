@@ -9,16 +9,17 @@ from pandas import DataFrame
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import Convention, named, pose_matrices
 from profilecal.scan.tables import ScanError, listed, naming
-from profilecal_tool.importing.blocks import Block, label_of
+from profilecal_tool.importing.blocks import Block, Blocks, label_of
 from profilecal_tool.importing.makers import ROBOTS, WORDS, XYZ
 from profilecal_tool.importing.questions import Layout, Question
 from profilecal_tool.importing.robot_poses import Fields, angle_of, length_of
 
 Row = dict  # what stands in a line, by name
+Numbers = Sequence[float]  # of a tool: its position and angles, as they stand
 Program = dict[str, list[Row]]  # the rows of each kind of line
 
 
-def lines_of_program(blocks: list[Block], maker: str) -> Program:
+def lines_of_program(blocks: Blocks, maker: str) -> Program:
     """What lines of each kind say in a maker's programs, in any file."""
     program = defaultdict(list)
     for block in blocks:
@@ -28,7 +29,7 @@ def lines_of_program(blocks: list[Block], maker: str) -> Program:
     return program
 
 
-def tools_in_data(blocks: list[Block], poses: Block) -> list[Row]:
+def tools_in_data(blocks: Blocks, poses: Block) -> list[Row]:
     """Frames that no program of these poses declares: poses that do not change and are
     called a tool; and tools of programs beside poses in a table, without numbers, for
     these may be in other units.
@@ -83,8 +84,8 @@ def only_frame(poses: Block, uses: list, which: str) -> str:
     most often: of equals a program's first tool, but in a table the flange.
     """
     columns = [poses.table[column.at] for column in poses.having(which)]
-    in_columns = [label_of(cell).lower() for cells in columns for cell in cells]
-    frames = [frame for _, frame in uses] + in_columns
+    frames = [frame for _, frame in uses]
+    frames += [label_of(cell).lower() for cells in columns for cell in cells]
     names, none = [*dict.fromkeys(frames)], WORDS[f"no_{which}"]
     lines = dict(uses)
     of_all = lines.get("")
@@ -106,13 +107,14 @@ def without(poses: Block, names: set[str]) -> Block:
 
 
 def of_one_tool(
-    poses: Block, program: Program, beside: list[Row], layout: Layout
-) -> tuple[Block, Sequence[float] | None, str]:
-    """The poses of one tool; its numbers, which are position and angles as they stand,
-    None for the flange; and words on it. `beside`: tools that no program declares.
+    poses: Block, blocks: Blocks, layout: Layout
+) -> tuple[Block, Numbers | None, str]:
+    """The poses of one tool, as blocks of all files say; its numbers, None for the
+    flange; and words on it.
 
     Raises ScanError; Question.
     """
+    program = lines_of_program(blocks, poses.robot)
     poses, base = of_one_frame(poses, program, "base", layout)
     poses, used = of_one_frame(poses, program, "tool", layout)
     numbers, words = None, "none; taken for the flange's poses"
@@ -120,7 +122,8 @@ def of_one_tool(
         numbers, words = layout.tool, "the one given, taken off"
     else:
         stand_as_poses = used and poses.robot and ROBOTS[poses.robot].tools_in == "pose"
-        rows = program["pose"] if stand_as_poses else program["tool"] + beside
+        tools = program["tool"] + tools_in_data(blocks, poses)
+        rows = program["pose"] if stand_as_poses else tools
         numbers = numbers_of_tool(poses, rows, used)
         if numbers:
             words = f"{used or 'one'} at {[*numbers[:3]]}, taken off"
@@ -133,7 +136,7 @@ def of_one_tool(
     return poses, numbers, words
 
 
-def numbers_of_tool(poses: Block, rows: list[Row], used: str) -> Sequence[float] | None:
+def numbers_of_tool(poses: Block, rows: list[Row], used: str) -> Numbers | None:
     """The numbers of the tool that poses have, of rows that say them of tools, in the
     poses' convention; None where there are no tools. Raises Question.
     """
@@ -175,7 +178,7 @@ def convention_of_tool(poses: Block) -> Convention:
 
 
 def fields_of_flange(
-    fields: Fields, poses: Block, tool: Sequence[float], layout: Layout
+    fields: Fields, poses: Block, tool: Numbers, layout: Layout
 ) -> Fields:
     """Fields of a Scan with the flange's poses in place of the tool's (3 + k,)."""
     turn, length, (angle, _) = poses.convention, length_of(poses)[0], angle_of(poses)
