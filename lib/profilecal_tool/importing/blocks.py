@@ -30,7 +30,6 @@ LARGEST_POSE = 16  # numbers of a matrix; a list of more is a profile
 KNOWN = "|".join(map(re.escape, sorted(UNITS, key=len, reverse=True)))
 IN_BRACKETS = re.compile(r"(.*?)[\s_,/]*[\[(]([^\])]*)[\])]")
 BEHIND = re.compile(rf"(.*?)(?:[\s_]+in)?[\s_,/]+({KNOWN})")  # A in Grad, x_mm
-NUMBERED = re.compile(r"(.*[^\W\d_])_?(\d+)")
 
 
 class Column(NamedTuple):
@@ -208,7 +207,7 @@ def lists_among(columns: Iterable[Column]) -> dict[str, list[Column]]:
     for column in columns:
         if np.isfinite(cell_number(column.title)):
             lists[""].append(column)
-        elif match := NUMBERED.fullmatch(column.name):
+        elif match := re.fullmatch(r"(.*[^\W\d_])_?\d+", column.name):
             lists[match[1]].append(column)
     return lists
 
@@ -249,9 +248,9 @@ def roles_of_list(cells: DataFrame, name: str) -> tuple[list[str], str]:
 
 def has_constants(cells: DataFrame, roles: list[str]) -> bool:
     """Whether 0 and 1 stand in the columns whose roles they are, as in a matrix."""
-    expected = {k: int(role) for k, role in enumerate(roles) if role in ("0", "1")}
-    found = cells.iloc[:, [*expected]].dropna()
-    return (found == [*expected.values()]).all(axis=None)
+    constant = [k for k, role in enumerate(roles) if role in ("0", "1")]
+    expected = [int(roles[k]) for k in constant]
+    return (cells.iloc[:, constant].dropna() == expected).all(axis=None)
 
 
 def role_before_heights(cells: list) -> str:

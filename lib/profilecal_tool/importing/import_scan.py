@@ -59,8 +59,7 @@ def import_scan(
     poses, tool, words_on_tool = of_one_tool(poses, blocks, layout)
     if poses.table.empty:
         raise ScanError(f"{poses.path}: no poses where {layout.where}")
-    uses = lines_of_program(blocks, poses.robot)["uses"]
-    moves = [row.get("name") for row in uses]
+    moves = [row.get("name") for row in lines_of_program(blocks, poses.robot)["uses"]]
     pairing = pair_profiles(poses, [*values.index], moves, layout)
     if not all(values.index):
         values.index = counted(len(values))
@@ -107,7 +106,7 @@ def families_in(folder: Path, layout: Layout) -> Families:
     both patterns, the other files may say what tool the poses have, and those that
     cannot be read are empty. Raises ScanError.
     """
-    said = [pattern for pattern in (layout.poses, layout.profiles) if pattern]
+    said = [*filter(None, (layout.poses, layout.profiles))]
     said.sort(key=lambda pattern: -len(files_matching(folder, pattern)))
     families = defaultdict(dict)
     for path, pattern in watched([*patterns_of(folder, said).items()], "reading"):
@@ -146,8 +145,10 @@ def check_wanted(folder: Path, blocks: Blocks, layout: Layout) -> None:
     """Raise ScanError where rows are wanted by a column that no block has."""
     names = {n for block in blocks for c in block.others for n in (c.name, c.role)}
     if layout.wanted[0] not in {*names, "", "tool", "base"}:
-        known = f"the columns are {listed(sorted(names - {''}))}"
-        raise ScanError(f"{folder}: no rows where {layout.where}; {known}")
+        raise ScanError(
+            f"{folder}: no rows where {layout.where}; the columns are "
+            f"{listed(sorted(names - {''}))}"
+        )
 
 
 def which_hold_what(
@@ -173,12 +174,13 @@ def which_hold_what(
     # or both are in the same files
     if not of_points and points_of_file(first[pose], layout):
         of_points = [pose]
-    what = "holds the profiles (a pattern takes several)"
-    profile = layout.profiles or one_or_ask(folder, of_points, what, "profiles")
+    profile = layout.profiles or one_or_ask(
+        folder, of_points, "holds the profiles (a pattern takes several)", "profiles"
+    )
     return pose, profile
 
 
-def patterns_by_content(families: Families, first: dict, layout: Layout) -> list:
+def patterns_by_content(families: Families, first: dict, layout: Layout) -> tuple:
     """The patterns that no one has said, of most files first, by the blocks of their
     first files: those of poses, those of points, and those without titles that tell.
 
@@ -191,7 +193,7 @@ def patterns_by_content(families: Families, first: dict, layout: Layout) -> list
     # those of half as many files are something else, such as a reference
     most = [n for n in others if 2 * len(families[n]) > len(families[others[0]])]
     of_points = [n for n in most if points_of_file(first[n], layout)]
-    return [of_poses, of_points, [n for n in others if n not in of_points]]
+    return of_poses, of_points, [n for n in others if n not in of_points]
 
 
 def points_or_profiles(values: Series) -> tuple[Fields, str]:

@@ -19,7 +19,6 @@ from profilecal.scan.tables import ScanError, naming
 from profilecal_tool.importing.blocks import Block, columns_titled
 from profilecal_tool.importing.makers import WORDS
 
-NUMBERED_KEY = re.compile(r"(.*?)[_ -]?(\d+)")
 Arrays = dict[str, ndarray]  # by name
 SHAPES_OF_POSES = (4, 4), (3, 4), (3, 3), (3, 1), (1, 3)  # what a pose's matrices have
 
@@ -99,7 +98,7 @@ def numbered_rows(node: dict) -> list[dict]:
     """A dictionary as one row; R_1, t_1, R_2, t_2, … as a row for each number."""
     rows = defaultdict(dict)
     for key, value in node.items():
-        match = NUMBERED_KEY.fullmatch(str(key))
+        match = re.fullmatch(r"(.*?)[_ -]?(\d+)", str(key))
         if match and isinstance(value, (list, dict)):
             rows[match[2]] |= {"label": match[2], match[1] or "pose": value}
     return [*rows.values()] if len(rows) > 1 else [node]

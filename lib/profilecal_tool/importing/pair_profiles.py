@@ -17,7 +17,6 @@ STAMP = re.compile(
     r"(?<!\d)((?:19|20)\d\d)\D?([01]\d)\D?([0-3]\d)\D{0,2}"  # a date
     r"([0-2]\d)\D?([0-5]\d)\D?([0-5]\d(?:\.\d{1,6})?)"
 )
-SECONDS = re.compile(r"\d{9,}(?:\.\d+)?|\d+\.\d+")  # since 1970, or since anything
 STILL = 1e-4  # of the largest number: by so little a robot at rest differs
 A_MOMENT_S = 0.5  # poses in such a time are no stops
 
@@ -98,7 +97,7 @@ def paired_in_order(
 class Match(NamedTuple):
     """Which poses have the labels that profiles have."""
 
-    rank: tuple[bool, float]  # whether by names or several numbers; how many it serves
+    rank: tuple  # whether by names or several numbers; how many it serves
     rows: ndarray  # (P,) -1: none
     how: str
     keys: list  # of the poses
@@ -187,7 +186,7 @@ def stem_of(text: str) -> str:
     return re.sub(r".*[/\\]|\.[a-z]\w*$", "", text.lower())
 
 
-def numbers_in(text: str) -> tuple[int, ...]:
+def numbers_in(text: str) -> tuple:
     """All numbers in a name but those of a date and time."""
     return tuple(map(int, re.findall(r"\d+", STAMP.sub("", text))))
 
@@ -200,7 +199,8 @@ def time_said(text: str, unit_s: float) -> float:
             return np.datetime64(moment, "us").astype(float) / 1e6
         except ValueError:
             return np.nan
-    match = SECONDS.search(text)
+    # seconds since 1970, or since anything
+    match = re.search(r"\d{9,}(?:\.\d+)?|\d+\.\d+", text)
     value = round(cell_number(match[0] if match else text) * unit_s, 9)
     while 1e11 < value < np.inf:  # s until the year 5138, so these are ms, us or ns
         value /= 1000

@@ -5,7 +5,6 @@ from os.path import commonpath
 from pathlib import Path
 
 import numpy as np
-from numpy import ndarray
 from pandas import DataFrame, concat, to_numeric
 
 from profilecal.scan.conventions import named
@@ -112,8 +111,9 @@ def check_columns(poses: Block) -> None:
     """
     name = f"{poses.path.name} {poses.entry}".strip()
     if any(word in name.lower() for word in WORDS["inverse"]):
-        place = poses.path.parent
-        raise ScanError(f"{place}: {name} may be the inverse: invert it, or rename it")
+        raise ScanError(
+            f"{poses.path.parent}: {name} may be the inverse: invert it, or rename it"
+        )
     for column in poses.having("y", *poses.convention.columns):
         if column.owner == poses.chosen[column.role].owner:
             raise question_on_columns(poses, "which of those called alike?")
@@ -209,7 +209,7 @@ def angle_of(poses: Block) -> tuple[float, str]:
     return scale / ANGLE_UNITS[usual], unit
 
 
-def likely_angle(numbers: ndarray) -> str:
+def likely_angle(numbers: np.ndarray) -> str:
     """The unit of angles that may be radians; "" for those that are too large."""
     return "rad" if np.abs(numbers).max() <= 2 * np.pi else ""
 

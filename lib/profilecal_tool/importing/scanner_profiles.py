@@ -192,8 +192,9 @@ def rows_of_one(tables: Blocks, layout: Layout) -> int:
     Raises ScanError for tables between blank lines: no title tells what they are.
     """
     if len(tables) > 1 and tables[0].is_bare:
-        found = f"{len(tables)} tables: give titles, or no blank lines"
-        raise ScanError(f"{tables[0].path}: {found}")
+        raise ScanError(
+            f"{tables[0].path}: {len(tables)} tables: give titles, or no blank lines"
+        )
     return sum(rows_of_each(points, 1, layout).sum() for points in tables)
 
 

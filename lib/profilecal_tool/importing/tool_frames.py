@@ -45,10 +45,10 @@ def tools_in_data(blocks: Blocks, poses: Block) -> list[Row]:
             numbers = own.numbers_of(own.chosen)
             frames = DataFrame(numbers, columns=[*own.chosen]).drop_duplicates()
             # beside each pose in Universal Robots' logs: used at once
-            is_beside = name == "tcp_offset" and block.columns == poses.columns
-            if is_beside or len(frames) == 1:
-                named = frames.assign(name="" if is_beside else name)
-                tools += named.to_dict("records")
+            if name == "tcp_offset" and block.columns == poses.columns:
+                name = ""
+            if not name or len(frames) == 1:
+                tools += frames.assign(name=name).to_dict("records")
     return tools
 
 
@@ -151,11 +151,11 @@ def numbers_of_tool(poses: Block, rows: list[Row], used: str) -> Numbers | None:
         return own.pop()
     if own or used not in {"", *WORDS["no_tool"]}:
         which = f"tool {used}" if used else "a tool without a name"
-        letters = map(str.upper, (*XYZ, *convention_of_tool(poses).columns))
+        letters = (*XYZ, *convention_of_tool(poses).columns)
         raise Question(
             f"{poses.path}: poses are of {which}, of which {len(own)} frames are here; "
             "where is it on the flange? (X Y Z in mm, angles as poses have)",
-            tool=[*letters],
+            tool=[*map(str.upper, letters)],
         )
     # what is at the flange's origin is none
     declared = sorted({name for name, found in tools if any(found[:3])})
