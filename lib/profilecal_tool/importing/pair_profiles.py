@@ -19,6 +19,7 @@ STAMP = re.compile(
 )
 STILL = 1e-4  # of the largest number: by so little a robot at rest differs
 A_MOMENT_S = 0.5  # poses in such a time are no stops
+Names = list[str]  # of profiles; or labels of poses
 
 
 class Times(NamedTuple):
@@ -37,9 +38,7 @@ class Pairing(NamedTuple):
     times: Times | None = None  # in motion
 
 
-def pair_profiles(
-    poses: Block, names: list[str], moves: list[str], layout: Layout
-) -> Pairing:
+def pair_profiles(poses: Block, names: Names, moves: Names, layout: Layout) -> Pairing:
     """The poses that have a profile, and it, by its name, "" where it has none;
     `moves`: the poses' names as a program's lines use them.
 
@@ -71,7 +70,7 @@ def pair_profiles(
 
 
 def paired_in_order(
-    poses: Block, used: list[int], names: list[str], layout: Layout
+    poses: Block, used: list[int], names: Names, layout: Layout
 ) -> Pairing:
     """The poses as lines use them, or as they are listed. Raises ScanError where
     there are not as many profiles, where times are said, which then no pose has, or
@@ -104,7 +103,7 @@ class Match(NamedTuple):
     title: str  # of the column
 
 
-def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
+def paired_by_label(poses: Block, names: Names) -> Pairing | None:
     """The pairing by the labels, and the names or numbers in them, that serve most
     poses, and more than half of them and of the profiles.
 
@@ -124,8 +123,7 @@ def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
         return None
     best = max(matches, key=lambda match: match.rank)
     for other in matches:
-        have_both = np.minimum(other.rows, best.rows) >= 0
-        differs = have_both & (other.rows != best.rows)
+        differs = (np.minimum(other.rows, best.rows) >= 0) & (other.rows != best.rows)
         is_as_good = other.rank == best.rank
         if other.title != best.title:  # a lost cell makes a label serve fewer
             is_as_good = other.rank[0] == best.rank[0]
@@ -135,8 +133,9 @@ def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
                 f"{poses.path}: which pose has {name}: {best.how} or {other.how}? "
                 "Rename the profiles' files, or --pose-columns: _ for other columns"
             )
+    first_of = {key: row for row, key in reversed([*enumerate(best.keys)])}
     for name, row in zip(names, best.rows, strict=True):
-        first = best.keys.index(best.keys[row])
+        first = first_of[best.keys[row]]
         if first < row:  # of poses that are called alike, a row is the last
             one, other = poses.table.index[[first, row]]
             raise ScanError(
@@ -146,7 +145,7 @@ def paired_by_label(poses: Block, names: list[str]) -> Pairing | None:
     return Pairing(best.rows, best.how)
 
 
-def ways_to_compare(labels: list[str], names: list[str]) -> Iterator[tuple]:
+def ways_to_compare(labels: Names, names: Names) -> Iterator[tuple]:
     """Ways to compare: whether by more than a number, by what, what labels have, and
     what is sought for names.
 
@@ -207,7 +206,7 @@ def time_said(text: str, unit_s: float) -> float:
     return value
 
 
-def times_of(poses: Block, names: list[str], layout: Layout) -> Times | None:
+def times_of(poses: Block, names: Names, layout: Layout) -> Times | None:
     """The times of poses and profiles, if all have some, in the unit of the poses; in s
     if a user says them.
     """
@@ -222,7 +221,7 @@ def times_of(poses: Block, names: list[str], layout: Layout) -> Times | None:
     return Times(log, profiles) if np.isfinite([*log, *profiles]).all() else None
 
 
-def paired_by_time(poses: Block, names: list[str], layout: Layout) -> Pairing | None:
+def paired_by_time(poses: Block, names: Names, layout: Layout) -> Pairing | None:
     """The poses nearest in time, of a log only those where the robot stands still; or
     the log, where profiles were taken as the robot moved.
     """

@@ -238,8 +238,7 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         titles = titles_in(rows[:first]) or (above if count == len(above) else [])
         if titles:
             above, end_above = titles, end
-        # right under it, or without the first title
-        elif above and (begin == end_above or count == len(above) - 1):
+        elif above and (begin == end_above or count == len(above) - 1):  # one is lost
             raise ScanError(
                 f"{path} line {begin + 1}: {count} fields; expected {len(above)}, as "
                 "above (--poses and --profiles say which files to read)"

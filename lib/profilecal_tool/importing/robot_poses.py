@@ -158,9 +158,8 @@ def question_on_columns(block: Block, sentence: str, *likely: tuple) -> ScanErro
         return ScanError(sentence)
     answers = {column.at: column for column in block.columns if column.at >= 0}
     for columns, roles, unit in likely:
-        for column, role in zip(columns, roles, strict=True):
-            known = column._replace(role=role, unit=column.unit or unit)
-            answers[column.at] = known
+        for c, role in zip(columns, roles, strict=True):
+            answers[c.at] = c._replace(role=role, unit=c.unit or unit)
     titles = [column.answer for column in answers.values()]
     return Question(sentence, pose_columns=",".join(titles))
 

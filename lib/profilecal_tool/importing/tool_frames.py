@@ -90,7 +90,7 @@ def only_frame(poses: Block, uses: list, which: str) -> str:
     lines = dict(uses)
     of_all = lines.get("")
     if len(names) > 1:
-        names.sort(key=none.__contains__, reverse=not poses.robot)
+        names.sort(key=lambda name: name in none, reverse=not poses.robot)
         answer = of_all or max(names, key=frames.count)
         several = f"{poses.path}: moves have {which}s {listed(names)}"
         raise Question(f"{several}; of which are the poses?", where=f"{which}={answer}")
@@ -121,13 +121,12 @@ def of_one_tool(
     if layout.tool:
         numbers, words = layout.tool, "the one given, taken off"
     else:
-        stand_as_poses = used and poses.robot and ROBOTS[poses.robot].tools_in == "pose"
-        tools = program["tool"] + tools_in_data(blocks, poses)
-        rows = program["pose"] if stand_as_poses else tools
+        kind = ROBOTS[poses.robot].tools_in if used and poses.robot else "tool"
+        rows = program[kind] + tools_in_data(blocks, poses)
         numbers = numbers_of_tool(poses, rows, used)
         if numbers:
             words = f"{used or 'one'} at {[*numbers[:3]]}, taken off"
-        if stand_as_poses:
+        if kind == "pose":
             poses = without(poses, {used})
     if base not in {"", *WORDS["no_base"]}:
         words += f"; in base {base}, not taken off"
