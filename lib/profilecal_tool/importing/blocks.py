@@ -56,11 +56,11 @@ class Block:
 
     path: Path
     table: DataFrame  # the index is where a row stands in the file
-    columns: list[Column]  # what its columns are, which are called as they say `at`
+    columns: list[Column]  # what the table's columns are, each at its `at`
     robot: str = ""  # the maker whose program it is of
     kind: str = "pose"  # of lines of a program; or "tool", "base", "uses", "moved"
     sheet: str = ""  # the name of its sheet, if there are several
-    # a pose in each row, or a point in each: columns by role, and as --entry says it
+    # the columns of a pose or a point in each row, by role; and their name for --entry
     chosen: dict[str, Column] | None = None
     entry: str = ""
 

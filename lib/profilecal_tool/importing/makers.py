@@ -32,7 +32,7 @@ for roles, words in TABLE["lists"].items():
 
 
 def are_pairs(value: list) -> bool:
-    """Whether an entry of a row is a list of pairs."""
+    """Whether what a row says is a list of pairs."""
     return all(isinstance(pair, list) and len(pair) == 2 for pair in value)
 
 
@@ -41,7 +41,7 @@ Pairs = Annotated[list, (are_pairs, '[["one text", "its example, or end"], …]'
 
 @dataclass(frozen=True)
 class Robot:
-    """A row of [[robot]]; the head of makers.toml says what each entry is."""
+    """A row of [[robot]]; the head of makers.toml says what each key is."""
 
     maker: str
     pose: Pairs  # of a line's form and an example, as all further lines
@@ -56,8 +56,8 @@ class Robot:
 
 
 def robot_of(row: dict) -> Robot:
-    """The robot of a row. Raises ScanError for an entry that is missing, unknown or of
-    another kind, with the maker and what is expected.
+    """The robot of a row. Raises ScanError for a key that is missing or unknown, or has
+    no list of pairs, with the maker and what is expected.
     """
     check_entries(f"{PATH}: robot {row.get('maker', '')!r}", row, Robot)
     return Robot(**row)

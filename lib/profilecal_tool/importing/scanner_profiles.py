@@ -117,7 +117,7 @@ def points_in(block: Block, said: str) -> Block | None:
             if x.owner == z.owner:
                 pairs[f"{block.title(x)},{block.title(z)}"] = [x, z]
     if said:
-        pair = columns_called(block, said)
+        pair = columns_said(block, said)
         pairs = {said: pair} if len(pair) == 2 else {}
     # one row of many x and z may be a profile, or a head of settings
     if not pairs or (len(pairs) > 1 and len(block.table) < 2):
@@ -130,9 +130,9 @@ def points_in(block: Block, said: str) -> Block | None:
     return replace(block, chosen={"x": x, "z": z}, entry=entry)
 
 
-def columns_called(block: Block, said: str) -> list[Column]:
-    """The columns of a block by their titles or numbers, of those that are there; with
-    the units that are said. Raises ScanError for more than two.
+def columns_said(block: Block, said: str) -> list[Column]:
+    """The columns of a block that a user says by titles or numbers, of those that are
+    there; with the units that are said. Raises ScanError for more than two.
     """
     known = {str(column.at + 1): column for column in block.columns}
     known |= {column.name: column for column in block.columns}
@@ -273,7 +273,7 @@ def question_on_points(blocks: Blocks, said: str) -> ScanError:
     as counts and intensities are.
     """
     block = max(blocks, key=lambda block: len(block.table))
-    unknown = [t for t in said.split(",") if t and not columns_called(block, t)]
+    unknown = [t for t in said.split(",") if t and not columns_said(block, t)]
     row = listed(block.table.iloc[len(block.table) // 2])
     found = f"no {listed(unknown) or 'x and z'} in columns {listed(block.titles)}"
     sentence = f"{block.path}: {found}; a row is {row}; --columns says them"

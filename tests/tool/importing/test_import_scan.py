@@ -709,24 +709,25 @@ def test_a_first_example_is_at_this_position_and_turned_so(maker):
     found = robot_poses({path: [*program_blocks(path, program)]}, Layout())
     fields, _ = pose_fields(found, ["p"])
     position, matrix = (np.array(text.split(), float) for text in EXPECTED[maker])
-    assert_allclose(fields["p_base_flange"][0], position, atol=0.4)
+    hint = "its position and rotation matrix are in EXPECTED"
+    assert_allclose(fields["p_base_flange"][0], position, atol=0.4, err_msg=hint)
     assert_allclose(fields["R_base_flange"][0].ravel(), matrix, atol=0.002)
 
 
 @pytest.mark.parametrize(
-    ("entry", "words"),
+    ("keys", "words"),
     [
         ({"poses": []}, "robot 'Acme': unknown entry 'poses'; there are maker, pose"),
         ({"pose": ["P $x"]}, "robot 'Acme': pose is ['P $x']; expected [["),
         ({"maker": 7}, "robot 7: maker is 7; expected one line of text"),
     ],
 )
-def test_a_row_says_what_a_row_may(entry, words):
+def test_a_row_says_what_a_row_may(keys, words):
     with pytest.raises(ScanError, match=re.escape(words)):
-        robot_of({"maker": "Acme", "pose": []} | entry)
+        robot_of({"maker": "Acme", "pose": []} | keys)
 
 
-def test_a_pattern_takes_a_whole_name_and_stands_in_its_own_line():
+def test_a_form_takes_a_whole_name_and_stands_in_its_own_line():
     table, _ = matches_of(["^$name AT <$x>"], "7 10 AT <3>\n\n  120 AT <5>")
     assert dict(table["name"]) == {1: "10", 3: "120"}
     table, _ = matches_of(["^$name $x $y …"], "7 400.5 3 2 1")
