@@ -125,7 +125,6 @@ class SmoothErrors:
         sensor pose and of the base, and (some, 6, count) by each coefficient.
         """
         R, T = (array[some] for array in self.poses)
-        turns = self.turns[some, None, None]
         to_sensor = (R @ self.sensor[0]).mT
         rigid = np.zeros((len(R), 6, 12))
         rigid[:, :, :6] = shifting(-self.arms(some))
@@ -133,33 +132,31 @@ class SmoothErrors:
         if not self.to_hand:  # there the base turns about itself
             rigid[:, :3, 9:] = to_sensor @ shifts_by_turn(T)
 
-        # to hand, the sensor's axes stand still in the base
-        axes = np.eye(3)[None] if self.to_hand else to_sensor
-        of_turn = np.eye(3)[..., None] * turns
-        # profile; shift or turn (2); axis of the sensor (3); of the coefficient, the
-        # kind (3: the matrices A, B and C), its axis (3), and the component of the
-        # displacement or turn that it multiplies (3)
-        errors = np.zeros((len(R), 2, 3, 3, 3, 3))
-        displaced = self.displacements[some, None, None]
-        errors[:, 0, :, 0] = axes[..., None] * displaced
-        errors[:, 0, :, 1] = of_turn
-        errors[:, 1, :, 2] = self.ratio * of_turn
-        of_flange = errors.reshape(-1, 6, COEFFICIENTS)
+        # along which axes (6, 3) the rows of A, B and C move the flange; to hand, the
+        # sensor's axes stand still in the base
+        axes = np.zeros((len(R), 6, 3, 3))
+        axes[:, :3, 0] = np.eye(3) if self.to_hand else to_sensor
+        axes[:, :3, 1] = np.eye(3)
+        axes[:, 3:, 2] = self.ratio * np.eye(3)
+        turns = self.turns[some]
+        # what their columns multiply
+        ways = np.stack([self.displacements[some], turns, turns], axis=1)
+        errors = axes[..., None] * ways[:, None, :, None]
+        errors = errors.reshape(-1, 6, COEFFICIENTS)
         if self.bends:
-            bends = of_flange[..., None] * turns / 2
-            bends = bends.reshape(len(R), 6, -1)
-            of_flange = np.concatenate([of_flange, bends], axis=2)
-        return rigid, of_flange
+            bends = errors[..., None] * turns[:, None, None] / 2
+            errors = np.concatenate([errors, bends.reshape(len(R), 6, -1)], axis=2)
+        return rigid, errors
 
     def arms(self, some: ndarray) -> ndarray:
         """From flange to sensor, of some profiles, in the sensor's frame, (some|1,
         3).
         """
-        R_sensor, T_sensor = self.sensor
-        if not self.to_hand:
-            return (T_sensor @ R_sensor)[None]
-        R, T = (array[some] for array in self.poses)
-        return (T_sensor - positions(R, T, to_hand=True)) @ R_sensor
+        R_sensor, arms = self.sensor
+        if self.to_hand:
+            R, T = (array[some] for array in self.poses)
+            arms = arms - positions(R, T, to_hand=True)
+        return np.atleast_2d(arms @ R_sensor)
 
 
 def smooth_errors(
