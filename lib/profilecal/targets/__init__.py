@@ -1,4 +1,5 @@
-"""Calibration targets, one class a file: geometry, residuals with their derivatives, a
+"""Calibration targets, a file each (`plane.py` also has what rods and balls have in
+common): geometry, residuals with their derivatives, a
 start for them, how it is found (by a function of `profiles`), simulated and drawn.
 `target.py` holds the contract and says how to add one, `observations.py` what is seen
 of any.

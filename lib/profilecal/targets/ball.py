@@ -102,7 +102,7 @@ class Ball(Round):
         """
         for other in np.setdiff1d(side, [1, -1]):
             raise ValueError(f"a side is {other:g}; expected 1 or -1 for each circle")
-        filled: ndarray = np.ma.filled(np.ma.asarray(circle, dtype=float), np.nan)
+        filled: ndarray = np.ma.filled(np.ma.asarray(circle, float), np.nan)
         x, z, r = np.moveaxis(filled, -1, 0)
         y = side * np.sqrt(np.maximum(self.radius**2 - r * r, 0))
         return np.stack([x, y, z], axis=-1)

@@ -96,8 +96,7 @@ class Edge(Target):
 
     @staticmethod
     def fit(points: ndarray) -> Fitted:
-        direction = principal_axes(points)[..., 0, :]
-        return points.mean(axis=-2), frame_around(direction), ()
+        return points.mean(axis=-2), frame_around(principal_axes(points)[..., 0, :]), ()
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """The edge as long as it was seen."""
@@ -110,12 +109,10 @@ class Edge(Target):
     ) -> ndarray:
         """The chains (..., V, 2) that scan planes cut from a specimen with this edge, x
         and z in the sensor frame, mm. All its faces run along the edge; its top faces
-        the scanner, on the side of smaller x.
+        the scanner, on the side of smaller x, as most planes have it: it is one body.
         """
         corners = np.array(SPECIMENS[specimen])
-        x = rotation.reshape(-1, 3, 3).mean(axis=0)[
-            :, 0
-        ]  # of all planes, as it is one body
+        x = rotation[..., 0].reshape(-1, 3).mean(axis=0)
         return self.cut(corners, rotation, origin, away, x)
 
     def cut(
@@ -127,12 +124,13 @@ class Edge(Target):
         x: ndarray,
     ) -> ndarray:
         """The chains (..., V, 2) that scan planes cut from a body along this edge whose
-        cross-section has `corners` (V, 2): to the side of `x` (..., 3), and against
-        `away` (..., 3), which points away from the scanner.
+        cross-section has `corners` (V, 2): to the side of `x` (..., 3), or to either
+        where that says none, and against `away` (..., 3), which points away from the
+        scanner, not along the edge.
         """
         aside = unit(np.cross(self.direction, away))
         up = np.cross(self.direction, aside)
-        aside = aside * np.sign(np.vecdot(aside, x))[..., None]
-        across = np.stack(np.broadcast_arrays(aside, up), axis=-2)
+        aside = aside * np.copysign(1, np.vecdot(aside, x))[..., None]
+        across = np.stack([aside, up], axis=-2)
         parallel = Edge(self.point + corners @ across, self.direction)
         return parallel.meet(rotation[..., None, :, :], origin[..., None, :])

@@ -92,7 +92,7 @@ class Observations:
     def moving(self) -> ndarray:
         """Which poses the flange went through without a stop, (B|1, P)."""
         if self.times is None:
-            return np.zeros(self.points.shape[:2], dtype=bool)
+            return np.zeros(self.points.shape[:2], bool)
         return np.isfinite(self.times)
 
     @property
@@ -209,7 +209,7 @@ class PoseGroups:
         poses.
         """
         repeated = len(self.orientation) < len(self.pose)
-        grouped = int(self.orientation.max()) + 1 < len(self.orientation)
+        grouped = self.orientation.max() + 1 < len(self.orientation)
         there = {"repeatability": repeated, "group": grouped, "jitter": self.moving}
         names = (*ROBOT, "jitter_ms")
         return [name for name in names if there.get(name.split("_")[0], True)]
@@ -218,12 +218,12 @@ class PoseGroups:
 def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
     """Which profiles of several targets share a pose, an orientation, or a group.
 
-    The poses of a batch are alike, and the first problem's are looked at. What was seen
-    in motion has a pose of its own, and its sweep is the group.
+    The poses of a batch are alike, and the first problem's are looked at. Poses are
+    shared within an orientation: without groups, by other targets' profiles alone. What
+    was seen in motion has a pose of its own, and its sweep is the group.
     """
-    R = np.concatenate([seen.R_flange[0] for seen in observations])
-    T = np.concatenate([seen.T_flange[0] for seen in observations])
-    moving = np.concatenate([seen.moving[0] for seen in observations])
+    own = [(one.R_flange[0], one.T_flange[0], one.moving[0]) for one in observations]
+    R, T, moving = map(np.concatenate, zip(*own, strict=True))
 
     labels = [seen.labels for seen in observations]
     target = np.repeat(np.arange(len(labels)), [*map(len, labels)])
@@ -236,9 +236,8 @@ def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
     def of_other_targets(i: ndarray, j: ndarray) -> ndarray:
         return target[first][i] != target[first][j]
 
-    way = R[first].reshape(-1, 9)
-    alike = first_alike(way, chord(SAME_ORIENTATION_DEG), of_other_targets)
-    orientation = alike[group]
+    ways, same = R[first].reshape(-1, 9), chord(SAME_ORIENTATION_DEG)
+    orientation = first_alike(ways, same, of_other_targets)[group]
 
     def are_one(i: ndarray, j: ndarray) -> ndarray:
         near = np.abs(T[i] - T[j]).max(axis=1) < SAME_MM
@@ -247,15 +246,17 @@ def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
         return near & turned & at_rest & (orientation[i] == orientation[j])
 
     pose = first_alike(T, np.sqrt(3) * SAME_MM, are_one)
-    firsts = np.unique(pose, return_index=True)[1]
+    _, firsts = np.unique(pose, return_index=True)
     return PoseGroups(pose, orientation[firsts], group, bool(moving.any()))
 
 
 def first_alike(
     places: ndarray, within: float, alike: Callable[[ndarray, ndarray], ndarray]
 ) -> ndarray:
-    """Classes (n,) by number: each place is in a class with the first one that it is
-    like, or begins one.
+    """Classes (n,) by number: places are in one class if the first that each is like,
+    or itself where none is before it, is the same. That is the order's choice where
+    being alike does not carry over: of three in a row, each like the next alone, the
+    third has a class of its own.
 
     Looked at are pairs of `places` (n, k) that are at most `within` apart; `alike(i,
     j)` says which of them are.

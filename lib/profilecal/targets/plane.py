@@ -67,8 +67,7 @@ class Plane(Target):
 
     @staticmethod
     def fit(points: ndarray) -> Fitted:
-        normal = principal_axes(points)[..., 2, :]
-        return points.mean(axis=-2), frame_around(normal), ()
+        return points.mean(axis=-2), frame_around(principal_axes(points)[..., 2, :]), ()
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """A square."""

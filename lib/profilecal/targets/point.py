@@ -49,6 +49,8 @@ class Point(Target):
 
     @classmethod
     def residual_sd(cls, noise: Noise) -> tuple[float, ...]:
+        # of a scanner without noise, multiples of 1 mm; without an error of steering,
+        # which a weight needs, as uncertain as the scanner
         return 1.0, 1.0, noise.steering_mm / (noise.profile_mm or 1.0) or 1.0
 
     @staticmethod

@@ -125,5 +125,4 @@ class Rod(Round):
         """
         corners = self.radius * fan(reach_deg, count)
         axis = Edge(self.point, self.direction)
-        z, x = rotation[..., 2], rotation[..., 0]
-        return axis.cut(corners, rotation, origin, z, x)
+        return axis.cut(corners, rotation, origin, rotation[..., 2], rotation[..., 0])

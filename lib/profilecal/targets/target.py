@@ -85,6 +85,13 @@ class Target:
     of the kind.
     """
 
+    def __post_init__(self) -> None:
+        length = np.linalg.norm(self.frame[1][..., 2], axis=-1)
+        if np.abs(length - 1).max() > 1e-6:
+            raise ValueError(
+                f"the axis of this {self.kind} has length {length.max():g}; expected 1"
+            )
+
     # Its name and its measures
 
     # in scan.toml, on the command line and in JSON
@@ -166,17 +173,18 @@ class Target:
         raise NotImplementedError
 
     def distance(self, points: ndarray) -> ndarray:
-        """How far points (n, 3) are from it, (n,) mm; of a disk, from its rim.
+        """How far points (n, 3) are from it, (n,) mm; of a disk, from its rim, to first
+        order where that is near.
 
         A sensor frame in each point, along the base's axes, has the point in its
         origin, and the distance is `residual_in_space`.
         """
-        sight = self.sight_from(np.eye(3), points)
+        sight = self.sight_from(np.eye(3), np.atleast_2d(points))
         return np.linalg.norm(self.residual_in_space(sight)[0], axis=0)[:, 0, 0]
 
     def sight_from(self, rotation: ndarray, origin: ndarray) -> Sight:
         """What sensor frames (..., 3, 3), (..., 3) see of it, as if points were seen in
-        their origins; its arrays are (..., 1, 1).
+        their origins; its arrays are (3, ..., 1, 1), of points (2, ..., 1, 1).
         """
         place, axes = self.frame
         vectors = place - origin, *np.moveaxis(axes, -1, 0)
@@ -210,17 +218,17 @@ class Target:
         """
         rows = [*map(in_order, profiles)]
         seen = [profile[own] for profile, own in zip(profiles, rows, strict=True)]
-        features = cls.finder(seen, *sizes)
         return [
             replace(feature, used=np.sort(own[feature.used]))
-            for feature, own in zip(features, rows, strict=True)
+            for feature, own in zip(cls.finder(seen, *sizes), rows, strict=True)
         ]
 
     def meet(self, rotation: ndarray, origin: ndarray) -> ndarray:
         """Where scan planes, sensor frames (..., 3, 3), (..., 3), meet it: (..., 2) or,
         where its `points` are several, (..., points, 2), x and z in the sensor frame.
 
-        That is minus the `residual` of points in the sensor's origin. A target with any
+        That is minus the `residual` of points in the sensor's origin: of a marked point
+        that is beside the scan plane, where it is seen from there. A target with any
         number of points has none, or what its table of a folder holds.
         """
         x, z, *_ = self.residual(self.sight_from(rotation, origin))[0]

@@ -99,6 +99,11 @@ def test_a_fit_to_its_points_is_the_target(kind):
     assert_allclose(origins[1], origin)
 
 
+def test_an_axis_is_a_unit_vector():
+    with pytest.raises(ValueError, match="axis of this plane has length 5; expected 1"):
+        pc.Plane([0, 0, 0], [0, 0, 5])
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_its_lines_lie_on_it(kind):
     scene = random_scene(kind, default_rng(12))
