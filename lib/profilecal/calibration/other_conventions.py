@@ -115,7 +115,7 @@ def readings(
         yield words, posed(rotation.as_matrix(), p)
     if scan.sizes:
         fitting = with_best_lengths(observed)
-        lengths = replace(scan, sizes=fitting.sizes).measures.items()
+        lengths = zip(scan.target.lengths, fitting.sizes, strict=True)
         words = " and ".join(f"a {name} of {mm:.3g} mm" for name, mm in lengths)
         yield words, fitting
 

@@ -106,9 +106,17 @@ def check_rigid(name: str, values: ArrayLike) -> ndarray:
 def check_positions(name: str, values: ArrayLike, count: int | None = None) -> ndarray:
     """Return flange positions as an array (count, 3), mm.
 
-    Raises ValueError where the largest coordinate is of no robot's size.
+    Raises ValueError where the farthest is not at a robot's distance from the base.
     """
-    return check_readings(name, values, (count, 3), limits=REACH_MM)
+    p = check_array(name, values, (count, 3))
+    low, high = REACH_MM
+    farthest = np.linalg.norm(p, axis=1).max(initial=0.0)
+    if len(p) and not low <= farthest <= high:
+        raise ValueError(
+            f"the farthest of {name} is {farthest:.3g} from the base; "
+            f"expected {low:g} to {high:g}, in mm: are the units right?"
+        )
+    return p
 
 
 def check_readings(
@@ -116,7 +124,6 @@ def check_readings(
     values: ArrayLike,
     shape: tuple[int | None, ...],
     finite: bool = True,
-    limits: tuple[float, float] = READINGS_MM,
 ) -> ndarray:
     """Return a scanner's readings as an array of a shape, mm.
 
@@ -126,7 +133,7 @@ def check_readings(
     array = check_array(name, values, shape, finite)
     # of those that are there
     largest = np.fmax.reduce(np.abs(array), axis=None, initial=0)
-    low, high = limits
+    low, high = READINGS_MM
     if largest and not low <= largest <= high:
         raise ValueError(
             f"the largest value of {name} is {largest:.3g}; "

@@ -1,7 +1,8 @@
 """How robot controllers write an orientation: the columns of a file.
 
 Angles about fixed axes multiply from the right: "xyz" of (w, p, r) is R = Rz(r) Ry(p)
-Rx(w). A convention is added by a line in CONVENTIONS; nothing else names its columns.
+Rx(w). Further angles are added by a line in CONVENTIONS. In a log the column `t` is
+the time.
 """
 
 from collections.abc import Collection
@@ -30,7 +31,7 @@ class Convention:
     columns: tuple[str, ...]
     meaning: str
     # of scipy's Euler angles, in degrees; "" for what are no three angles
-    sequence: str = ""
+    sequence: Any = ""
 
 
 CONVENTIONS = (
@@ -74,8 +75,10 @@ def named(name: str) -> Convention:
     for one in CONVENTIONS:
         if one.name == name:
             return one
-    known = listed(one.name for one in CONVENTIONS)
-    raise ScanError(f"convention is {shown(name)}; expected one of {known}")
+    raise ScanError(
+        f"convention is {shown(name)}; "
+        f"expected one of {listed(one.name for one in CONVENTIONS)}"
+    )
 
 
 def pose_matrices(
@@ -123,8 +126,7 @@ def pose_matrices(
     block = named(convention)
     with naming("pose_matrices"):
         p = check_array("positions", positions, (None, 3))
-        shape = len(p), len(block.columns)
-        values = check_array("orientations", orientations, shape)
+        values = check_array("orientations", orientations, (len(p), len(block.columns)))
     return homogeneous(to_rotations(block, values), p)
 
 
@@ -137,7 +139,7 @@ def to_rotations(
     longer than a full turn, angles of more than two turns, a matrix that is no
     rotation.
     """
-    block = np.asarray(values, dtype=float)
+    block = np.asarray(values, float)
     table = table or Table(Path("orientations"), {}, range(len(block)), "row")
     if convention.sequence:
         angle = np.abs(block).max(axis=1, initial=0.0)
@@ -151,8 +153,7 @@ def to_rotations(
         return Rotation.from_quat(block, scalar_first=True).as_matrix()
     if convention.name == "rotation vector":
         expected = "; expected radians, at most 2π: are they degrees?"
-        is_long = length > 2 * np.pi
-        table.refuse(is_long, "rotation vector of length ", length, expected)
+        table.refuse(length > 2 * np.pi, "rotation vector of length ", length, expected)
         return rotations(block)
     R = block.reshape(-1, 3, 3)
     off = np.abs(R @ R.mT - np.eye(3)).max(axis=(1, 2), initial=0.0)
@@ -163,15 +164,14 @@ def to_rotations(
     return nearest_rotation(R)
 
 
-def from_rotations(convention: Convention, rotations: ndarray) -> ndarray:
+def from_rotations(convention: Convention, R: ndarray) -> ndarray:
     """A block of columns (n, k) from matrices (n, 3, 3)."""
-    rotation = Rotation.from_matrix(rotations)
-    sequence: Any = convention.sequence
-    if sequence:
+    rotation = Rotation.from_matrix(R)
+    if convention.sequence:
         # where an angle is open, scipy's choice is as good as any
-        return rotation.as_euler(sequence, True, suppress_warnings=True)
+        return rotation.as_euler(convention.sequence, True, suppress_warnings=True)
     if convention.name == "quaternion":
         return rotation.as_quat(canonical=True, scalar_first=True)
     if convention.name == "rotation vector":
         return rotation.as_rotvec()
-    return rotations.reshape(-1, 9)
+    return R.reshape(-1, 9)

@@ -15,7 +15,6 @@ from profilecal.geometry.checks import FARTHEST_MM, REACH_MM
 from profilecal.geometry.poses import homogeneous
 from profilecal.geometry.progress import watched
 from profilecal.scan.conventions import (
-    CONVENTIONS,
     find_convention,
     from_rotations,
     named,
@@ -119,10 +118,11 @@ def read_scan(folder: str | Path) -> Scan:
     Scan(ball, radius 25 mm, 40 poses of 10 orientations, arcs, eye-in-hand)
     """
     place = Path(folder)
-    if place.is_file():
-        raise ScanError(f"{place} is a file; expected a scan folder")
-    if not place.is_dir():
-        raise ScanError(f"{place}: no such folder")
+    with naming(place):
+        if place.is_file():
+            raise ScanError(f"{place} is a file; expected a scan folder")
+        if not place.is_dir():
+            raise ScanError(f"{place}: no such folder")
     header, scale = read_header(place / "scan.toml")
     poses, log = place / "poses.csv", place / "log.csv"
     moving = is_file(log)
@@ -165,8 +165,7 @@ def check_header(path: Path, said: Entries) -> tuple[Entries, float]:
     target, guess = said.get("target", {}), said.get("guess", {})
     lengths = length_rules(target.get("kind"), scale)
     rules = {"kind": ENTRY_RULES["kind"], "side": one_of((1, -1))} | lengths
-    needed = dict.fromkeys(("kind", *lengths))
-    check_entries(path, needed | target, rules, "target")
+    check_entries(path, dict.fromkeys(("kind", *lengths)) | target, rules, "target")
     known = {name: said[name] for name in ENTRY_RULES if name in said}
     if guess:
         check_entries(path, {"mount": None} | guess, HEADER["guess"], "guess")
@@ -243,10 +242,12 @@ def poses_in(table: Table, scale: float) -> Entries:
     p = scale * table.numbers("xyz")
     distance = np.linalg.norm(p, axis=1)
     low, high = REACH_MM
-    is_off = (distance == distance.max()) & ((distance < low) | (distance > high))
-    expected = f"expected a robot's size, {low:g} to {high:g} mm: are the units right?"
-    beside = " mm from the base, farther than elsewhere; "
-    table.refuse(is_off, "the flange is ", distance, beside + expected)
+    is_off = (distance > high) | (distance.max() < low)
+    expected = (
+        " mm from the base; expected a robot's size, "
+        f"{low:g} to {high:g} mm: are the units right?"
+    )
+    table.refuse(is_off, "the flange is ", distance, expected)
     block = table.numbers(convention.columns)
     return {
         "R_base_flange": to_rotations(convention, block, table),
@@ -262,9 +263,13 @@ def read_measurements(
     """What the scanner saw, in mm, by pose: entries of a Scan. The poses at rest come
     first, by their labels; then what was seen in motion. Raises ScanError.
     """
-    names = [name + end for name in MEASURED for end in (".csv", ".npz")]
     with naming(folder):
-        found = [name for name in names if is_file(folder / name)]
+        found = [
+            f"{name}{end}"
+            for name in MEASURED
+            for end in (".csv", ".npz")
+            if is_file(folder / f"{name}{end}")
+        ]
         path = folder / the_one(found, " (.csv, .npz)")
     columns = MEASURED[path.stem]
     of_poses = ["pose"] if labels or not moving else []
@@ -273,7 +278,7 @@ def read_measurements(
     place: dict[Any, int] = {label: k for k, label in enumerate(labels)}
     places, values = [], []
     for table in watched(read_parts(path, required), f"reading {path.name}"):
-        keys = moments(table) if moving else table.labels().tolist()
+        keys = keys_of(table) if moving else table.labels().tolist()
         for key in keys:
             if isinstance(key, tuple):
                 place.setdefault(key, len(place))
@@ -281,8 +286,7 @@ def read_measurements(
         table.refuse(own < 0, "pose ", keys, " is not in poses")
         rows = scale * table.numbers(columns, blank=True)
         for name, column in zip(columns, rows.T, strict=True):
-            is_far = np.abs(column) > FARTHEST_MM
-            table.refuse(is_far, f"{name} is ", column, TOO_FAR)
+            table.refuse(np.abs(column) > FARTHEST_MM, f"{name} is ", column, TOO_FAR)
         places.append(own)
         values.append(rows)
     del table  # it holds on to all arrays of an .npz file
@@ -300,10 +304,11 @@ def read_measurements(
     }
 
 
-def moments(table: Table) -> list[Any]:
+def keys_of(table: Table) -> list[Any]:
     """Of each row the pose's label or, in motion, its sweep and time."""
     pose, sweep, t = table.text("pose"), table.text("sweep"), table.column("t", True)
-    is_wrong = (pose != "") == (np.isfinite(t) & (sweep != ""))
+    at_rest = pose != ""
+    is_wrong = (at_rest == (sweep != "")) | (at_rest == np.isfinite(t))
     expected = "; expected either a pose, or a sweep with its t"
     table.refuse(is_wrong, "pose ", pose, ", sweep ", sweep, ", t ", t, expected)
     rows = zip(pose.tolist(), sweep.tolist(), t.tolist(), strict=True)
@@ -317,7 +322,8 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
     ----------
     scan : Scan
         What to write; where it is simulated, its truth goes to truth.toml. More than a
-        million rows, which no spreadsheet opens, become an .npz file.
+        million rows, which no spreadsheet opens, become an .npz file. What was
+        measured in motion comes after the poses at rest.
     folder : str or Path
         A folder that is not there yet, or is empty. It appears whole or not at all.
 
@@ -331,11 +337,10 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
     read_scan : the way back, with an example.
     """
     texts = {"scan": known_of(scan), "truth": scan.truth}
-    with new_folder(Path(folder)) as place:
+    with new_folder(Path(folder)) as place, naming(folder):
         for name, entries in texts.items():
             if entries:
-                text = toml_text(entries)
-                (place / f"{name}.toml").write_text(text, encoding="utf-8")
+                (place / f"{name}.toml").write_text(toml_text(entries), "utf-8")
         for name, columns in tables_of(scan).items():
             if name in MEASURED and sum(map(len, scan.values)) > SPREADSHEET:
                 np.savez_compressed(place / f"{name}.npz", **columns)
@@ -357,9 +362,9 @@ def header_of(source: Any, title: str, noise: Mapping) -> Entries:
 def known_of(scan: Scan) -> Entries:
     """What scan.toml says of a scan."""
     header = header_of(scan, scan.title, scan.noise)
-    sides = {*scan.side[scan.moving].tolist()}
-    if len(sides) == 1 and any(sides):
-        header["target"]["side"] = sides.pop()
+    sides = scan.side[scan.moving]
+    if sides.any():
+        header["target"]["side"] = sides[0]
     if scan.delay_ms is not None:
         header["motion"] = {"delay_ms": scan.delay_ms}
     if scan.guess is not None:
@@ -370,26 +375,29 @@ def known_of(scan: Scan) -> Entries:
     return header
 
 
-def poses_columns(R: ndarray, p: ndarray, convention: str) -> Columns:
-    """The columns of poses R (P, 3, 3), p (P, 3), mm, with angles in a convention."""
+def poses_columns(
+    R: ndarray, p: ndarray, convention: str, read: ndarray | None = None
+) -> Columns:
+    """The columns of poses R (P, 3, 3), p (P, 3), mm, with angles in a convention, as
+    they were `read`, if they were.
+    """
     turn = named(convention)
-    block = np.hstack([p, from_rotations(turn, R)])
-    return dict(zip((*"xyz", *turn.columns), block.T, strict=True))
+    block = from_rotations(turn, R) if read is None else read
+    return dict(zip((*"xyz", *turn.columns), np.hstack([p, block]).T, strict=True))
 
 
 def tables_of(scan: Scan) -> dict[str, Columns]:
     """The columns of a scan's tables, by their names."""
     turn, log, still = named(scan.convention), scan.log, ~scan.moving
     if log and "t" in turn.columns:  # which is a time
-        turn = CONVENTIONS[0]
+        turn = named("quaternion")
     counts = [*map(len, scan.values)]
     tables: dict[str, Columns] = {}
     where, labels = {}, np.array(scan.labels)
     if still.any():
         R, p = scan.R_base_flange[still], scan.p_base_flange[still]
-        poses = {"pose": labels[still]} | poses_columns(R, p, turn.name)
-        if scan.orientation is not None:  # it may be of another convention
-            poses |= zip(turn.columns, scan.orientation.T, strict=True)
+        poses = {"pose": labels[still]}
+        poses |= poses_columns(R, p, turn.name, scan.orientation)
         if scan.side.any():
             poses["side"] = scan.side[still]
         if scan.group_given:
@@ -402,5 +410,4 @@ def tables_of(scan: Scan) -> dict[str, Columns]:
         where["t"] = scan.times.repeat(counts)
     rows = np.concatenate(scan.values).T
     seen = zip(MEASURED[scan.measured], rows, strict=True)
-    tables[scan.measured] = where | dict(seen)
-    return tables
+    return tables | {scan.measured: where | dict(seen)}

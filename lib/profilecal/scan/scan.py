@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
@@ -28,8 +29,8 @@ from profilecal.geometry.poses import (
     nearest_rotation,
     rotation_groups,
 )
-from profilecal.scan.conventions import named
-from profilecal.scan.tables import ScanError, listed, naming, shown
+from profilecal.scan.conventions import named, to_rotations
+from profilecal.scan.tables import listed, naming, shown
 from profilecal.scan.toml import (
     TEXT,
     Entries,
@@ -70,9 +71,8 @@ def length_rules(kind: Any, scale: float = 1.0) -> dict[str, Rule]:
     `scale` mm.
     """
     allowed, limits = number(0.5 / scale, 1000 / scale)
-    unit = "mm" if scale == 1 else "m"
     lengths = TARGETS.get(str(kind), Target).lengths
-    return dict.fromkeys(lengths, (allowed, f"{limits} {unit}"))
+    return dict.fromkeys(lengths, (allowed, f"{limits} {'mm' if scale == 1 else 'm'}"))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,19 +88,20 @@ class Scan:
     R_base_flange: ndarray  # (P, 3, 3)
     p_base_flange: ndarray  # (P, 3) mm
     measured: str  # one of MEASURED
-    values: tuple[ndarray, ...]  # P arrays (n, columns), mm; n is 1 but for profiles
+    # P arrays (n, columns), mm; n is 1 but for profiles. A row of NaN: nothing was seen
+    values: tuple[ndarray, ...]
     sizes: tuple[float, ...] = ()  # the target's `lengths`, mm
     side: Any = 0  # (P,) 1, -1 or, where it is not known, 0
     # (P,) numbers from 0: poses of one orientation, and a sweep, share one
     group: Any = None
-    group_given: bool = False  # not found from the orientations
+    group_given: bool = False  # else it is found from the orientations
     noise: Mapping[str, float] = field(default_factory=dict)  # that is known
     mount: str = "eye-in-hand"
     title: str = ""
     convention: str = "quaternion"  # in which the robot prints orientations
-    orientation: ndarray | None = None  # (P, k) as they were read
-    # what was measured in motion: its poses follow from the log. Those of the rest may
-    # be given alone, or those of all
+    # (P, k) as they were read, as long as they say the same as R_base_flange
+    orientation: ndarray | None = None
+    # what was measured in motion has its poses from the log, whatever is given of them
     log: Log | None = None
     times: Any = None  # (P,) s by the scanner's clock; NaN at rest
     sweeps: tuple[str, ...] = ()  # P names; "" at rest
@@ -128,7 +129,7 @@ class Scan:
         convention: str = "quaternion",
         log: tuple[ArrayLike, Poses] | None = None,
         times: ArrayLike | None = None,
-        sweeps: Sequence[str] = (),
+        sweeps: Sequence[str] | None = None,
         delay_ms: float | None = None,
         **lengths: float,
     ) -> "Scan":
@@ -215,63 +216,63 @@ class Scan:
         rules = length_rules(kind)
         check_entries("lengths of Scan.of", dict.fromkeys(rules) | lengths, rules)
         given = {"profiles": profiles, "points": points, "chords": chords, "arcs": arcs}
+        moved = {"log": log, "times": times, "sweeps": sweeps, "delay_ms": delay_ms}
         way = None
         with naming("Scan"):
-            measured = the_one([name for name in given if given[name] is not None])
-            values = rows_by_pose(measured, given[measured])
-            T = rigid("T_base_flange", T_base_flange)
-            if (log is None) != (times is None):
-                alone = "log" if times is None else "times"
-                raise ValueError(f"{alone} given alone; expected times and log")
+            for name, value in moved.items():
+                if value is not None and (log is None or times is None):
+                    raise ValueError(f"{name} given alone; expected times and log")
             if log is not None:
-                along = rigid("log T", log[1])
-                way = checked_log(log[0], along[:, :3, :3], along[:, :3, 3])
-        return cls(
-            kind=kind,
-            labels=tuple(map(str, range(1, len(T) + 1) if labels is None else labels)),
-            R_base_flange=T[:, :3, :3],
-            p_base_flange=T[:, :3, 3],
-            measured=measured,
-            values=values,
-            sizes=tuple(lengths[name] for name in rules),
-            side=side,
-            group=group,
-            group_given=group is not None,
-            noise=noise or {},
-            mount=mount,
-            title=title,
-            convention=convention,
-            log=way,
-            times=times,
-            sweeps=tuple(sweeps),
-            delay_ms=delay_ms,
-        )
+                t, poses = log
+                along = rigid("log T", poses)
+                way = checked_log(t, along[:, :3, :3], along[:, :3, 3])
+            measured = the_one([name for name in given if given[name] is not None])
+            T = rigid("T_base_flange", T_base_flange)
+            return cls(
+                kind=kind,
+                labels=tuple(
+                    map(str, range(1, len(T) + 1) if labels is None else labels)
+                ),
+                R_base_flange=T[:, :3, :3],
+                p_base_flange=T[:, :3, 3],
+                measured=measured,
+                values=rows_by_pose(measured, given[measured]),
+                sizes=tuple(lengths[name] for name in rules),
+                side=side,
+                group=group,
+                group_given=group is not None,
+                noise=noise or {},
+                mount=mount,
+                title=title,
+                convention=convention,
+                log=way,
+                times=times,
+                sweeps=() if sweeps is None else sweeps,
+                delay_ms=delay_ms,
+            )
 
     def __post_init__(self) -> None:
         own = vars(self)
-        check_entries("Scan", {name: own[name] for name in ENTRY_RULES}, ENTRY_RULES)
-        named(self.convention)
-        measured, tables = self.measured, self.target.tables
-        if measured not in tables:
-            raise ScanError(
-                f"a target of kind {self.kind!r} needs {' or '.join(tables)}, "
-                f"not {measured}"
-            )
-        count = len(self.target.lengths)
-        if len(self.sizes) != count or not all(mm > 0 for mm in self.sizes):
-            raise ScanError(f"sizes is {self.sizes}; expected {count} lengths in mm")
-        own["sizes"] = tuple(map(float, self.sizes))
-        own["noise"] = {name: float(sd) for name, sd in self.noise.items()}
         with naming("Scan"):
-            ends = np.cumsum([len(rows) for rows in self.values])
-            if not ends.any():
-                raise ValueError(f"no rows of {measured}; expected what was seen")
-            every = np.concatenate(self.values)
-            shape = None, len(MEASURED[measured])
-            check_readings(measured, every, shape, finite=False)
-            every.setflags(write=False)
-            pairs = pairwise((0, *ends.tolist()))  # np.split takes five times as long
-            own["values"] = tuple(every[begin:end] for begin, end in pairs)
+            check_entries("Scan", {n: own[n] for n in ENTRY_RULES}, ENTRY_RULES)
+            named(self.convention)
+            measured, target = self.measured, self.target
+            if measured not in target.tables:
+                raise ValueError(
+                    f"a target of kind {self.kind!r} needs "
+                    f"{' or '.join(target.tables)}, not {measured}"
+                )
+            if len(self.sizes) != len(target.lengths):
+                raise ValueError(
+                    f"sizes is {self.sizes}; "
+                    f"expected {len(target.lengths)} lengths in mm"
+                )
+            check_entries("Scan", self.measures, length_rules(self.kind))
+            own["sizes"] = tuple(map(float, self.sizes))
+            own["noise"] = {name: float(sd) for name, sd in self.noise.items()}
+            if self.guess is not None:
+                own["guess"] = rigid("guess", [self.guess])[0]
+            own["values"] = self._seen()
             own.update(self._posed())
             for label, rows in zip(self.labels, self.values, strict=True):
                 if len(rows) > 1 and measured != "profiles":
@@ -280,84 +281,105 @@ class Scan:
                         "expected one"
                     )
 
+    def _seen(self) -> tuple[ndarray, ...]:
+        """The values, of one array that is not written to. Raises ValueError."""
+        measured = self.measured
+        if not any(map(len, self.values)):
+            raise ValueError(f"no rows of {measured}; expected what was seen")
+        columns = len(MEASURED[measured])
+        nothing = np.full((1, columns), np.nan)
+        values = [rows if len(rows) else nothing for rows in self.values]
+        every = np.concatenate(values)
+        check_readings(measured, every, (None, columns), finite=False)
+        is_none = every.any(axis=1) & (every[:, -1] <= 0)
+        if measured == "arcs" and is_none.any():
+            raise ValueError(
+                f"the least r of arcs is {np.nanmin(every[:, 2]):g}; expected r above 0"
+            )
+        every.setflags(write=False)
+        ends = np.cumsum([0, *map(len, values)]).tolist()
+        # np.split takes five times as long
+        return tuple(every[begin:end] for begin, end in pairwise(ends))
+
     def _posed(self) -> Entries:
         """All that is of poses, an entry for each. Raises ValueError."""
-        count, log, orientation = len(self.values), self.log, self.orientation
+        count, log = len(self.values), self.log
         times, sweeps = np.full(count, np.nan), ("",) * count
         if log:
             times = check_array("times", self.times, (count,), finite=False)
             sweeps = tuple(str(name).strip() for name in self.sweeps)
-        moving = np.isfinite(times)
-        posed = self._at_rest(~moving)
+        still = np.isnan(times)
+        posed = self._at_rest(still)
         if log:
             moved = self._in_motion(log, times, sweeps)
-            orientation, groups = None, len({*posed[-1]})
-            moved[-1] += groups
+            moved["group"] += len({*posed["group"]})
             # where each pose stands if those at rest come first
-            place = np.argsort(np.argsort(moving, kind="stable"))
-            pairs = zip(posed, moved, strict=True)
-            posed = [np.concatenate(pair)[place] for pair in pairs]
-        labels, R, p, group = posed
-        for name, there in Counter(labels.tolist()).items():
-            if there > 1 or name != name.strip() or not name:
+            place = np.argsort(np.argsort(~still, kind="stable"))
+            for name, values in moved.items():
+                posed[name] = np.concatenate([posed[name], values])[place]
+        labels = tuple(posed["labels"].tolist())
+        for name, there in Counter(labels).items():
+            if there > 1 or name != name.strip() or not (name and name.isprintable()):
                 raise ValueError(
-                    f"labels has {name!r} {there} times; expected names, each once"
+                    f"labels has {name!r} {there} times; expected names, each once, "
+                    "that print and do not begin or end with a blank"
                 )
-        is_known = np.isin(self.side, (1, -1, 0)).all()
+        side = np.resize(self.side, count)
+        is_known = np.isin(side, (1, -1, 0)).all() and len({*side[~still]}) < 2
         if np.shape(self.side) not in ((), (count,)) or not is_known:
             raise ValueError(
-                f"side is {shown(self.side)}; expected 1, -1 or 0, for each pose"
+                f"side is {shown(self.side)}; expected 1, -1 or 0, for each pose, "
+                "and one for all that was seen in motion"
             )
-        arrays = {
-            "R_base_flange": R,
-            "p_base_flange": p,
-            "group": group,
-            "side": np.full(count, self.side, dtype=float),
-            "times": np.array(times),
-        }
-        for values in arrays.values():
+        posed |= {"side": side.astype(float), "times": np.array(times)}
+        for values in posed.values():
             values.setflags(write=False)
-        texts = {"labels": tuple(labels.tolist()), "sweeps": sweeps}
-        return arrays | texts | {"orientation": orientation}
+        texts = {"labels": labels, "sweeps": sweeps, "orientation": None}
+        with suppress(ValueError, TypeError):  # of another convention, or none
+            read = to_rotations(named(self.convention), self.orientation)
+            if np.array_equal(read, posed["R_base_flange"]):
+                texts["orientation"] = self.orientation
+        return posed | texts
 
-    def _at_rest(self, still: ndarray) -> list[ndarray]:
+    def _at_rest(self, still: ndarray) -> dict[str, ndarray]:
         """Labels, orientations, positions and groups of the poses at rest, `still`
         (P,). What is given is of these alone or, where `replace` makes a scan of one
         that is complete, of all.
         """
-
-        def chosen(given: Any) -> ndarray:
-            values = np.array(given)
-            return values[still] if values.shape[:1] == still.shape else values
-
-        count, p = int(still.sum()), chosen(self.p_base_flange)
-        if len(p) != count:
-            seen = self.measured + " at rest" * (self.log is not None)
-            raise ScanError(
-                f"T_base_flange has {len(p)} poses for {count} {seen}; "
-                "expected one for each"
+        count, given = still.sum(), len(self.p_base_flange)
+        own = still if given == len(still) else np.full(given, True)
+        if own.sum() != count:
+            raise ValueError(
+                f"T_base_flange has {given} poses for {count} {self.measured}"
+                f"{' at rest' if self.log else ''}; expected one for each"
             )
-        R = check_rotations("T_base_flange", chosen(self.R_base_flange), count)
-        check_positions("T_base_flange", p, count)
-        labels = chosen(self.labels).astype(str)
-        group = rotation_groups(R) if self.group is None else chosen(self.group)
+        R = check_rotations("T_base_flange", self.R_base_flange, given)[own]
+        p = check_positions("T_base_flange", self.p_base_flange, given)[own]
+        labels = np.array(self.labels, str)
+        group = np.array(self.group if self.group_given else labels)
         for name, values in {"labels": labels, "group": group}.items():
-            if values.shape != (count,):
+            if values.shape != own.shape:
                 raise ValueError(
-                    f"{name} has shape {values.shape}; expected ({count},)"
+                    f"{name} has shape {values.shape}; expected ({given},)"
                 )
-        if self.group_given:
-            check_alike("T_base_flange", R, group)
-        return [labels, R, p, np.unique(group, return_inverse=True)[1]]
+        return {
+            "labels": labels[own],
+            "R_base_flange": R,
+            "p_base_flange": p,
+            "group": check_alike("T_base_flange", R, group[own])
+            if self.group_given
+            else rotation_groups(R),
+        }
 
     def _in_motion(
         self, log: Log, times: ndarray, sweeps: Sequence[str]
-    ) -> list[ndarray]:
+    ) -> dict[str, ndarray]:
         """The same of what was seen in motion, at times and in sweeps (P,), each a
         group.
         """
-        t, names = times[np.isfinite(times)], [*filter(None, sweeps)]
-        if [*map(bool, sweeps)] != np.isfinite(times).tolist() or not names:
+        moving = ~np.isnan(times)
+        t, names = times[moving], [*filter(None, sweeps)]
+        if [*map(bool, sweeps)] != moving.tolist() or not names:
             raise ValueError(
                 f"{len(names)} of {len(sweeps)} sweeps have a name, for {len(t)} "
                 "times; expected a time and the name of a sweep for each profile"
@@ -369,12 +391,17 @@ class Scan:
         if away[worst] > DELAY_S:
             raise ValueError(
                 f"profile {labels[worst]} is {away[worst]:.3g} s from the nearest row "
-                f"of the log, which goes from {log.t[0]:g} to {log.t[-1]:g} s; "
-                f"expected times by clocks that agree within {DELAY_S:g} s: subtract "
-                "what they differ by"
+                f"of the log, which goes from {log.t[0]:.10g} to "
+                f"{log.t[-1]:.10g} s; expected times by clocks that agree within "
+                f"{DELAY_S:g} s: subtract what they differ by"
             )
         R, p, _ = log.at(t + (self.delay_ms or 0.0) / 1000)
-        return [labels, R, p, np.unique(names, return_inverse=True)[1]]
+        return {
+            "labels": labels,
+            "R_base_flange": R,
+            "p_base_flange": p,
+            "group": np.unique(names, return_inverse=True)[1],
+        }
 
     def __repr__(self) -> str:
         parts = [self.description]
@@ -389,8 +416,7 @@ class Scan:
 
     def at_rest(self, delay_ms: float) -> "Scan":
         """The same as if its poses had been recorded one by one, by such a delay."""
-        there = replace(self, delay_ms=delay_ms)
-        return replace(there, log=None, group_given=False)
+        return replace(replace(self, delay_ms=delay_ms), log=None, group_given=False)
 
     @property
     def T_base_flange(self) -> ndarray:
@@ -429,9 +455,9 @@ def described(kind: str, sizes: Sequence[float]) -> str:
 
 def in_groups(group: ndarray, one: str, of: str, unit: str) -> list[str]:
     """How many there are, by their groups (n,), in words; if there are any."""
-    counts = {one: len(group), unit: len({*group})}
-    words = [f"{count} {name}{'s' * (count > 1)}" for name, count in counts.items()]
-    return [f" {of} ".join(words)] if len(group) else []
+    count, groups = len(group), len({*group})
+    words = f"{count} {one}{'s' * (count > 1)} {of} {groups} {unit}{'s' * (groups > 1)}"
+    return [words] if count else []
 
 
 def the_one(found: Sequence[str], note: str = "") -> str:
@@ -439,8 +465,10 @@ def the_one(found: Sequence[str], note: str = "") -> str:
     than one.
     """
     if len(found) != 1:
-        words = " and ".join(found) or "none of them"
-        raise ValueError(f"expected one of {listed(MEASURED)}{note}; found {words}")
+        raise ValueError(
+            f"expected one of {listed(MEASURED)}{note}; "
+            f"found {' and '.join(found) or 'none of them'}"
+        )
     return found[0]
 
 
@@ -461,16 +489,16 @@ def rigid(name: str, poses: Poses) -> ndarray:
     return T
 
 
-def rows_by_pose(measured: str, values: Any) -> tuple[ndarray, ...]:
-    """What was measured, as a `Scan` has it: (P,) of (rows, columns). Raises ValueError
-    for arrays of another shape.
+def rows_by_pose(measured: str, values: Any) -> tuple[Any, ...]:
+    """What was measured, by pose: (P,) of (rows, columns), or () for nothing. Raises
+    ValueError for arrays of another shape.
     """
     shape = None, len(MEASURED[measured])
     if measured != "profiles":
         rows = np.reshape(values, (len(values), -1)) if np.ndim(values) == 3 else values
         return tuple(check_array(measured, rows, shape, finite=False)[:, None])
     return tuple(
-        np.empty((0, 2))
+        ()
         if rows is None or not len(rows)
         else check_array(f"profiles[{k}]", rows, shape, finite=False)
         for k, rows in enumerate(values)
@@ -497,4 +525,4 @@ def checked_log(t: ArrayLike, R: ArrayLike, p: ArrayLike) -> Log:
             f"log: the robot moves by {fastest:.3g} mm/s at most; "
             f"expected {low:g} to {high:g} mm/s somewhere: is t in seconds?"
         )
-    return Log(t, R, p)
+    return Log(*map(np.array, (t, R, p)))  # not the caller's own

@@ -1,5 +1,5 @@
-"""Files and the tables in them, with every mistake named. What is written is whole, or
-leaves nothing.
+"""Files and the tables in them, with every mistake named; files and folders that are
+there whole or not at all.
 """
 
 import csv
@@ -11,7 +11,6 @@ from io import BytesIO, TextIOWrapper
 from itertools import islice
 from pathlib import Path
 from shutil import rmtree
-from stat import S_ISREG
 from textwrap import shorten
 from typing import Any
 
@@ -42,9 +41,11 @@ def naming(path: Any) -> Iterator[None]:
         raise ScanError(f"{path}: {error.strerror}") from error
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
-        found = f"{error.object[error.start : error.start + 1]!r} in line {line}"
-        kind = f"not {error.encoding.upper()} text"
-        raise ScanError(f"{path}: {kind}, {found}; save it as UTF-8") from error
+        raise ScanError(
+            f"{path}: not {error.encoding.upper()} text, "
+            f"{error.object[error.start : error.start + 1]!r} in line {line}; "
+            "save it as UTF-8"
+        ) from error
     except RecursionError as error:
         raise ScanError(f"{path}: nested too deeply") from error
     except (ValueError, TypeError) as error:
@@ -58,10 +59,10 @@ def is_file(path: Path) -> bool:
     """
     with naming(path):
         try:
-            mode = path.stat().st_mode
+            path.stat()
         except FileNotFoundError:
             return False
-        if not S_ISREG(mode):
+        if not path.is_file():
             raise ScanError(f"{path}: not a file")
         return True
 
@@ -74,8 +75,9 @@ def text_of(path: Path, megabytes: int = LARGEST_MB, encoding: str = "") -> str:
         raise ScanError(f"{path}: no such file")
     size = path.stat().st_size / 1e6
     if size > megabytes:
-        expected = f"expected at most {megabytes} MB; thin profiles out"
-        raise ScanError(f"{path}: {size:g} MB; {expected}")
+        raise ScanError(
+            f"{path}: {size:g} MB; expected at most {megabytes} MB; thin profiles out"
+        )
     with naming(path):
         content = path.read_bytes()
         is_16 = content.startswith((BOM_UTF16_LE, BOM_UTF16_BE))
@@ -91,27 +93,32 @@ def remove(path: Path) -> None:
     """Remove a file or a folder, if it is there."""
     if path.is_dir():
         rmtree(path)
-    elif path.exists():
-        path.unlink()
+    else:
+        path.unlink(missing_ok=True)
 
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
     """A place beside `path` for a file or a folder, which then appears at `path` whole,
-    or after an error not at all.
+    or after an error not at all. What an earlier program left there is removed.
+
+    Raises ScanError where it cannot be.
     """
     partial = partial_of(path)
-    remove(partial)
+    with naming(path):
+        remove(partial)
     try:
         yield partial
-        partial.replace(path)
+        with naming(path):
+            partial.replace(path)
     finally:
         remove(partial)
 
 
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """A folder to fill, which then appears at `path` whole.
+    """A folder to fill, which then appears at `path` whole; after an error only the
+    folders above it may have been made.
 
     Raises ScanError where anything is there, or none can be.
     """
@@ -148,7 +155,7 @@ def cell_number(cell: str) -> float:
     if cell.strip().lower().removeprefix("-") in NOTHING:
         return np.nan
     try:
-        return float(cell)
+        return float(cell.replace("_", "?"))  # Python reads 4_00 as 400
     except ValueError:
         return np.inf
 
@@ -171,13 +178,14 @@ class Table:
                 part if isinstance(part, str) else shown(np.asarray(part, object)[row])
                 for part in words
             ]
-            place = f"{self.path} {self.counted} {self.lines[row]}"
-            raise ScanError(f"{place}: {''.join(parts)}")
+            raise ScanError(
+                f"{self.path} {self.counted} {self.lines[row]}: {''.join(parts)}"
+            )
 
     def text(self, name: str) -> ndarray:
         """A column's cells (rows,), empty where there is none."""
         cells = self.columns.get(name, [""] * len(self.lines))
-        return np.char.strip(np.asarray(cells, dtype=str))
+        return np.char.strip(np.asarray(cells, str))
 
     def labels(self) -> ndarray:
         """The poses' labels (rows,)."""
@@ -191,7 +199,9 @@ class Table:
         """
         cells = self.columns.get(name, [np.nan] * len(self.lines))
         try:
-            numbers = np.asarray(cells, dtype=float)
+            if isinstance(cells, tuple) and "_" in "".join(cells):  # 4_00 is no 400
+                raise ValueError
+            numbers = np.asarray(cells, float)
         except (ValueError, TypeError):
             numbers = np.array([cell_number(str(cell)) for cell in cells])
         title = f"column {name}" if name.isdecimal() else name
@@ -253,8 +263,9 @@ def rows_of_text(path: Path) -> Iterator[tuple[int, list[str]]]:
             if "".join(row).strip():
                 yield rows.line_num, row
     except csv.Error as error:
-        sentence = f"{path} line {rows.line_num}: cannot be read: {error}"
-        raise ScanError(sentence) from error
+        raise ScanError(
+            f"{path} line {rows.line_num}: cannot be read: {error}"
+        ) from error
 
 
 def parts_of_arrays(path: Path, required: Collection[str]) -> Iterator[Table]:
@@ -306,19 +317,9 @@ def write_table(path: Path, columns: Columns) -> None:
     """Write a CSV file; numbers to twelve digits, times `t`, which may count from 1970,
     to all; NaN as an empty cell.
     """
-    cells = [
-        cells_of(np.asarray(values), "" if name == "t" else ".12g")
-        for name, values in columns.items()
-    ]
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(zip(*cells, strict=True))
+    from pandas import DataFrame
 
-
-def cells_of(values: ndarray, form: str) -> Iterator[str]:
-    """A column as it is written, numbers in a form."""
-    if values.dtype.kind not in "iuf":
-        # as Python's own: while numpy's scalars were written, Ctrl-C was lost at times
-        return iter(values.tolist())
-    return ("" if n != n else format(n, form) for n in values.tolist())
+    table = DataFrame(columns)
+    if "t" in columns:
+        table["t"] = table["t"].astype(object)
+    table.to_csv(path, index=False, float_format="%.12g", lineterminator="\n")

@@ -12,7 +12,7 @@ what one may be, where its type does not say enough::
 
 `check_entries("spec.toml", said, Motion, "motion")` refuses what the table cannot say.
 A field without a default is needed; one annotated with a dataclass is a table of its
-own.
+own. A plain float is 0 to 1e6, a plain int 0 to 10,000, and a str one line of text.
 """
 
 import json
@@ -58,7 +58,9 @@ def numbers(count: int) -> Rule:
 
 
 def one_of(choices: Collection[Any]) -> Rule:
-    """One of these; `TARGETS` may grow after it was made."""
+    """One of these, though true is not 1; also of those that `choices` gains after it
+    was made, as `TARGETS` may.
+    """
     expected = " or ".join(map(str, choices))
     return (lambda value: value in [*choices] and value is not True), expected
 
@@ -101,15 +103,17 @@ def check_entries(
     where = f" in [{table}]" if table else ""
     for name, value in entries.items():
         if name not in rules:
-            known = listed(rules) or "none"
-            unknown = f"unknown entry {shown(name)}{where}"
-            raise ScanError(f"{path}: {unknown}; there are {known}")
+            raise ScanError(
+                f"{path}: unknown entry {shown(name)}{where}; "
+                f"there are {listed(rules) or 'none'}"
+            )
         rule = rules[name]
         is_table = not isinstance(rule, tuple)
         allowed, expected = TABLE if is_table else rule
         if not allowed(value):
-            found = f"{name} is {shown(value)}{where}"
-            raise ScanError(f"{path}: {found}; expected {expected}")
+            raise ScanError(
+                f"{path}: {name} is {shown(value)}{where}; expected {expected}"
+            )
         if is_table:
             check_entries(path, value, rule, name)
 
@@ -121,12 +125,13 @@ def read_toml(path: str | Path) -> Entries:
 
 
 def toml_text(entries: Mapping[str, Any]) -> str:
-    """A dictionary of numbers, texts and nested lists of numbers, and one level of such
-    dictionaries, as TOML.
+    """A dictionary of finite numbers, texts and nested lists of numbers, and one level
+    of such dictionaries, as TOML. Raises ValueError.
     """
     tables = {k: v for k, v in entries.items() if isinstance(v, Mapping)}
     lines = [
-        f"{name} = {json.dumps(value, ensure_ascii=False, default=float)}\n"
+        f"{name} = "
+        f"{json.dumps(value, ensure_ascii=False, allow_nan=False, default=float)}\n"
         for name, value in entries.items()
         if name not in tables
     ]

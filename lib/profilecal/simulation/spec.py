@@ -263,7 +263,6 @@ def record(scene: Scene, poses: Frames, spec: Spec, rng: Generator) -> Scan:
         "labels": labels,
         "R_base_flange": R,
         "p_base_flange": T,
-        "group": seen.labels,
     }
     R, T = revisited(*poses, spec.noise, rng)
     return scan_from(scene, (R[stop], T[stop]), said, spec, rng)

@@ -170,7 +170,6 @@ def drive(
         "labels": [f"p{k + 1}" for k in range(still)],
         "R_base_flange": R[:still],
         "p_base_flange": T[:still],
-        "group": group[:still],
         "log": checked_log(t, R[P:], T[P:]),
         "times": by_scanner.round(6),
         "sweeps": [f"s{k + 1}" if k >= 0 else "" for k in group - still],

@@ -133,14 +133,15 @@ def as_arrays(name, **changed):
 def test_arrays_are_the_same_scan_as_the_table(folder, monkeypatch, by_us):
     scan = twelve_poses("plane", "profiles")
     rows = [rows[: 40 + k] for k, rows in enumerate(scan.values)]
-    rows[3], rows[5] = np.full((1, 2), np.nan), rows[5][:0]
+    rows[3], rows[5] = np.full((1, 2), np.nan), rows[5][:0]  # nothing
     if by_us:
         monkeypatch.setattr("profilecal.scan.folder.SPREADSHEET", 100)
-    pc.write_scan(replace(scan, values=tuple(rows)), folder)
+    scan = replace(scan, values=tuple(rows))
+    pc.write_scan(scan, folder)
     if not by_us:
         as_arrays("profiles")(folder)
     assert not (folder / "profiles.csv").exists()
-    for expected, read in zip(rows, pc.read_scan(folder).values, strict=True):
+    for expected, read in zip(scan.values, pc.read_scan(folder).values, strict=True):
         assert_allclose(read, expected, atol=1e-9)
 
 
@@ -245,6 +246,8 @@ MISTAKES = {  # by what is said of each
         lambda table: table.assign(z=table.z.where(table.index != 4))
     ),
     "line 3: x is 'abc'": arcs(text_for_a_number),
+    "line 2: x is '4_00'": arcs(everywhere(x="4_00")),
+    "the least r of arcs is -15": arcs(everywhere(r=-15)),
     "line 2: x is 'inf'; expected a finite number": arcs(everywhere(x=np.inf)),
     "line 4: no group; expected": poses(everywhere(group=[*"ab", *[None] * 10])),
     "poses.csv.*are the units": poses(in_metres("x", "y", "z")),

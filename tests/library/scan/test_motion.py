@@ -41,6 +41,10 @@ def of_both_sides(scan):
 
 
 SCANS = {
+    "other orientations": replace(
+        pc.read_scan("data/examples/edge"), R_base_flange=[np.eye(3)] * 60
+    ),
+    "nothing seen": replace(in_motion(), values=[(), *in_motion().values[1:]]),
     "sweeps of profiles": in_motion("plane", mount="eye-to-hand"),
     "stops and sweeps": replace(in_motion("ball", **STOPS), delay_ms=12.5),
     "groups and sides": of_both_sides(in_motion("ball", **STOPS)),
@@ -137,6 +141,7 @@ MISTAKES = {
     "points.csv line 2: pose 'p1', sweep 's9', t 3;.*either": edited(
         "points.csv", "p1,,", "p1,s9,3"
     ),
+    "pose 'p1', sweep 's9', t nan;.*either": edited("points.csv", "p1,,", "p1,s9,"),
     "pose 'p1' is not in poses": removed("poses.csv"),
     "no columns 't'; expected one": edited("points.csv", "sweep,t", "sweep,time"),
     "delay_ms is -900 in .motion.; expected -200 to 200": edited(
@@ -163,6 +168,9 @@ def test_mistakes_are_named(sentence, folder):
         ({"delay_ms": np.nan}, "delay_ms is nan; expected -200 to 200"),
         ({"log": None}, "times given alone; expected times and log"),
         ({"times": None}, "log given alone; expected"),
+        ({"times": [1, 2, np.inf]}, "there@inf is inf s from the nearest row"),
+        ({"group": [7, 8, 9]}, r"group has shape \(3,\); expected \(0,\)"),
+        ({"side": [1, -1, 1]}, "one for all that was seen in motion"),
         ({"sweeps": ["a", " ", "b"]}, "2 of 3 sweeps have a name"),
     ],
 )

@@ -8,7 +8,7 @@ from numpy.random import default_rng
 from planned import KINDS, model_for
 
 from profilecal.geometry.poses import inverse
-from profilecal.scan.scan import ScanError
+from profilecal.scan.tables import ScanError
 from profilecal_tool.plan.candidates import (
     BEYOND,
     draw,
