@@ -113,7 +113,7 @@ def check_positions(name: str, values: ArrayLike, count: int | None = None) -> n
     farthest = np.linalg.norm(p, axis=1).max(initial=0.0)
     if len(p) and not low <= farthest <= high:
         raise ValueError(
-            f"the farthest of {name} is {farthest:.3g} from the base; "
+            f"the largest value of {name} is {farthest:.3g} from the base; "
             f"expected {low:g} to {high:g}, in mm: are the units right?"
         )
     return p
