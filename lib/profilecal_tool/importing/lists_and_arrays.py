@@ -29,7 +29,7 @@ class Loader(yaml.CSafeLoader):
 
 Loader.add_constructor(
     "tag:yaml.org,2002:opencv-matrix",
-    lambda loader, node: loader.construct_mapping(node, deep=True)["data"],
+    lambda loader, node: loader.construct_mapping(node, deep=True).get("data"),
 )
 
 
