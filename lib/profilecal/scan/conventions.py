@@ -31,7 +31,7 @@ class Convention:
     columns: tuple[str, ...]
     meaning: str
     # of scipy's Euler angles, in degrees; "" for what are no three angles
-    sequence: Any = ""
+    sequence: str = ""
 
 
 CONVENTIONS = (
@@ -167,9 +167,10 @@ def to_rotations(
 def from_rotations(convention: Convention, R: ndarray) -> ndarray:
     """A block of columns (n, k) from matrices (n, 3, 3)."""
     rotation = Rotation.from_matrix(R)
-    if convention.sequence:
+    sequence: Any = convention.sequence
+    if sequence:
         # where an angle is open, scipy's choice is as good as any
-        return rotation.as_euler(convention.sequence, True, suppress_warnings=True)
+        return rotation.as_euler(sequence, True, suppress_warnings=True)
     if convention.name == "quaternion":
         return rotation.as_quat(canonical=True, scalar_first=True)
     if convention.name == "rotation vector":

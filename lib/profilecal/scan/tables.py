@@ -317,9 +317,19 @@ def write_table(path: Path, columns: Columns) -> None:
     """Write a CSV file; numbers to twelve digits, times `t`, which may count from 1970,
     to all; NaN as an empty cell.
     """
-    from pandas import DataFrame
+    cells = [
+        cells_of(np.asarray(values), "" if name == "t" else ".12g")
+        for name, values in columns.items()
+    ]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*cells, strict=True))
 
-    table = DataFrame(columns)
-    if "t" in columns:
-        table["t"] = table["t"].astype(object)
-    table.to_csv(path, index=False, float_format="%.12g", lineterminator="\n")
+
+def cells_of(values: ndarray, form: str) -> Iterator[str]:
+    """A column as it is written, numbers in a form."""
+    if values.dtype.kind not in "iuf":
+        # as Python's own: while numpy's scalars were written, Ctrl-C was lost at times
+        return iter(values.tolist())
+    return ("" if n != n else format(n, form) for n in values.tolist())

@@ -2,7 +2,6 @@
 about in one line that answers, or refused in a sentence.
 """
 
-import doctest
 import functools
 import json
 import os
@@ -48,12 +47,6 @@ from profilecal.calibration.calibrate import calibrate
 from profilecal.scan.conventions import from_rotations, named
 from profilecal.scan.folder import read_scan
 from profilecal.scan.tables import ScanError
-from profilecal_tool.importing import (
-    blocks,
-    pair_profiles,
-    read_file,
-    scanner_profiles,
-)
 from profilecal_tool.importing.import_scan import Layout, import_scan
 from profilecal_tool.importing.makers import ROBOTS, robot_of
 from profilecal_tool.importing.program_lines import matches_of, program_blocks
@@ -737,12 +730,6 @@ def test_a_form_takes_a_whole_name_and_stands_in_its_own_line():
     remark = f"<!--\n{ROBOTS['Stäubli'].pose[0][1]}\n-->"
     pulses = "///PULSE\nC00000=1,2,3,4,5,6\n///RECTAN\n"
     assert not [*program_blocks(Path(), remark + pulses)]
-
-
-@pytest.mark.parametrize("module", [blocks, pair_profiles, read_file, scanner_profiles])
-def test_the_examples_in_docstrings_run(module):
-    ran = doctest.testmod(module)
-    assert ran.attempted > 0 == ran.failed
 
 
 def test_the_readme_has_the_table():
