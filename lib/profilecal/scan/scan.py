@@ -104,7 +104,7 @@ class Scan:
     # what was measured in motion has its poses from the log, whatever is given of them
     log: Log | None = None
     times: Any = None  # (P,) s by the scanner's clock; NaN at rest
-    sweeps: tuple[str, ...] = ()  # P names; "" at rest
+    sweeps: Sequence[str] = ()  # P names; "" at rest
     delay_ms: float | None = None  # the robot's clock less the scanner's, if known
     truth: dict = field(default_factory=dict)  # what made a simulated scan
     guess: ndarray | None = None  # (4, 4) mm, of the sensor's pose
@@ -291,8 +291,7 @@ class Scan:
         values = [rows if len(rows) else nothing for rows in self.values]
         every = np.concatenate(values)
         check_readings(measured, every, (None, columns), finite=False)
-        is_none = every.any(axis=1) & (every[:, -1] <= 0)
-        if measured == "arcs" and is_none.any():
+        if measured == "arcs" and (every[:, 2] <= 0).any():
             raise ValueError(
                 f"the least r of arcs is {np.nanmin(every[:, 2]):g}; expected r above 0"
             )
@@ -334,11 +333,12 @@ class Scan:
         posed |= {"side": side.astype(float), "times": np.array(times)}
         for values in posed.values():
             values.setflags(write=False)
-        texts = {"labels": labels, "sweeps": sweeps, "orientation": None}
+        texts: Entries = {"labels": labels, "sweeps": sweeps, "orientation": None}
+        read: Any = self.orientation
         with suppress(ValueError, TypeError):  # of another convention, or none
-            read = to_rotations(named(self.convention), self.orientation)
-            if np.array_equal(read, posed["R_base_flange"]):
-                texts["orientation"] = self.orientation
+            R = to_rotations(named(self.convention), read)
+            if np.array_equal(R, posed["R_base_flange"]):
+                texts["orientation"] = read
         return posed | texts
 
     def _at_rest(self, still: ndarray) -> dict[str, ndarray]:
