@@ -290,6 +290,8 @@ def column_titled(at: int, title: str) -> Column:
     for k in range(len(words)):
         if role := ROLE_OF_TITLE.get("_".join(words[k:])):
             return column._replace(role=role, owner="_".join(words[:k]))
+    if name in WORDS["tool"]:  # which tool, such as 3 under TCP
+        return column._replace(role="tool")
     role, _, owner = name.partition("_")
     is_owned = role in OF_POSES and owner.isalpha()
     return column._replace(role=role, owner=owner) if is_owned else column

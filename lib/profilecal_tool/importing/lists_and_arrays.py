@@ -91,7 +91,8 @@ def array_of_cells(title: str, cells: Series) -> ndarray:
                 f"{count} numbers of {title} are no x, y, z; heights: z_1…"
             )
         array = array.reshape(len(cells), -1, 3)
-    return array
+    # one list of matrices or profiles
+    return array[0] if array.ndim == 4 and len(array) == 1 else array
 
 
 def numbered_rows(node: dict) -> list[dict]:
@@ -115,13 +116,17 @@ def binary_blocks(path: Path) -> Iterator[Block]:
 
 
 def matlab_arrays(path: Path) -> Arrays:
-    """The arrays of MATLAB, whose stacks of matrices lie along the last axis."""
+    """The arrays of MATLAB, whose stacks of matrices most often lie along the last
+    axis, which then is longer than a matrix.
+    """
     from scipy.io import loadmat
 
     content = loadmat(path, squeeze_me=True)
     arrays = {n: np.asarray(cells) for n, cells in content.items() if n[0] != "_"}
-    stacks = {n: np.moveaxis(a, -1, 0) for n, a in arrays.items() if a.ndim == 3}
-    return arrays | stacks
+    for name, array in arrays.items():
+        if array.ndim == 3 and array.shape[-1] > 4:
+            arrays[name] = np.moveaxis(array, -1, 0)
+    return arrays
 
 
 def points_of_ply(path: Path) -> Arrays:

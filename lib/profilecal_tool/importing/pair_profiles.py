@@ -83,7 +83,7 @@ def paired_in_order(
             f"{poses.path}: {counts}, and no label or time that both have; add a column"
             ", or say which files: --profiles, or when they were taken: --times"
         )
-    for column in poses.having("label"):
+    for column in poses.having("label", "time"):
         numbers = to_numeric(poses.table[column.at], errors="coerce").dropna()
         if not used and not numbers.is_monotonic_increasing:
             raise ScanError(

@@ -11,7 +11,7 @@ from profilecal_tool.importing.makers import ROBOTS
 
 LARGEST_PROGRAM = 2_000_000  # characters; what is longer is a table
 OF_MOVES = {"uses", "moved"}  # kinds of lines that may have a pose in them too
-WORD = r"[\w$][\w$.\[\]]*?"  # what stands where $name, $tool or $base does
+WORD = r"[\w$][\w$.\[\]-]*?"  # what stands where $name, $tool or $base does
 CELL = r"[^\s,;:()\[\]{}\"'=]+"  # a number, or ******** in place of one
 SIGNS = {"…": r"[^{};<>\n]*?", "⋮": r"[^{};<>]*?", "^": r"^[ \t]*(?:\d+[ \t]+)??"}
 NONE = DataFrame()  # one for all: to make each takes longer than to look for lines
@@ -35,7 +35,7 @@ def expression_of(form: str) -> re.Pattern:
         else:
             parts.append(SIGNS.get(token) or rf"\s*{re.escape(token)}\s*")
     if token[0] == "$":  # the last token: what it finds is a whole word
-        parts.append(r"(?!\w)")
+        parts.append(r"(?![\w-])")
     # without blank lines above, which would give another line number, and without
     # the next line's blanks, from which a ^ would not find its beginning
     expression = "".join(parts).removeprefix(r"\s*").removesuffix(r"\s*")
@@ -54,7 +54,7 @@ def matches_of(forms: list[str], text: str) -> tuple[DataFrame, str]:
     rows = {}
     lowered = text.lower()
     for form in forms:
-        words = re.findall(r"(?<![$\w])[\w|]+", form.lower())
+        words = re.findall(r"(?<![$\w|])[\w|]+", form.lower())
         # 30 times faster than the expression alone: 0.3 s for a program of 1.8 MB
         if not all(any(w in lowered for w in word.split("|")) for word in words):
             continue
@@ -79,7 +79,8 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
         rest = text
         for remark in robot.remarks:
             begin, end = map(re.escape, remark)
-            rest = blanked(rf"(?s){begin}.*?({end}|\Z)", rest)
+            # what ends it may be of a line that counts
+            rest = blanked(rf"(?s){begin}.*?(?={end}|\Z)", rest)
         # poses come last: else a line of a tool would be one of a pose
         for kind in ("base", "tool", "uses", "moved", "pose"):
             # a listing of tools is no program: it has no text that programs have

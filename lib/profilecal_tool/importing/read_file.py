@@ -178,11 +178,11 @@ def cells_of(lines: Iterable[bytes], between: bytes | None) -> Rows:
 def row_where_numbers_begin(rows: Rows) -> int:
     """The first row of numbers; their end if there is none. It has two numbers, or one
     and no word; and no word of it stands above a number, if it is not below titles,
-    where it is a label. Rows of nothing but NaN just above belong to it.
+    where it is a label. Rows of nothing, blanks or NaN, just above belong to it.
 
     >>> row_where_numbers_begin([["n", "x", "z"], ["p1", "1", "2"], ["p2", "1", "3"]])
     1
-    >>> row_where_numbers_begin([["x", "z"], ["nan", "nan"], ["1", "2"]])
+    >>> row_where_numbers_begin([["x", "z"], ["", ""], ["nan", "nan"], ["1", "2"]])
     1
     >>> row_where_numbers_begin([["FOV", "9", "9"], ["7", "8", "9"]])  # a head
     1
@@ -201,7 +201,7 @@ def row_where_numbers_begin(rows: Rows) -> int:
         least = 2 if words.any() else 1
         if (is_below_titles or not is_title) and numbers.sum() >= least:
             return first
-        if words.any() or not any(rows[k]):
+        if words.any():
             first = k + 1
     return first
 

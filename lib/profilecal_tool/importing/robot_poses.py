@@ -143,7 +143,7 @@ def likely_pose(block: Block) -> list[tuple]:
     if len(turn) == 3:
         roles, unit = FANUC, likely_angle(numbers)
     elif len(turn) == 4 and np.allclose(np.linalg.norm(numbers, axis=1), 1, atol=0.01):
-        roles = OF_ABB if turn[0].name in ("q0", "q1") else OF_LIBRARIES
+        roles = OF_ABB if turn[0].name.endswith(("0", "1")) else OF_LIBRARIES
     if not roles or [c.role for c in position] not in ([*XYZ], 3 * [""]):
         return []
     return [(position, XYZ, ""), (turn, roles, unit)]
