@@ -6,10 +6,11 @@ Out: a `Scan`, and what was taken for granted; or a `Question` with its answer.
     files ─► blocks ─► columns by what they are ─► poses ────┐
             (`Block`)  (makers.toml)               profiles ─┴─► paired ─► scan
 
-1. `read_file` reads tables of text and sheets, `program_lines` programs, and
-   `lists_and_arrays` JSON, YAML, arrays; `makers` says what makers.toml does.
-2. `blocks` tells what a column is by its title, and in a list by how many numbers
+1. `questions` has what a user says, and what is asked; `makers` says what makers.toml
+   does. `blocks` tells what a column is by its title, and in a list by how many numbers
    there are; what it does not know is asked.
+2. `read_file` reads tables of text and sheets, `program_lines` programs, and
+   `lists_and_arrays` JSON, YAML, arrays.
 3. `robot_poses` and `scanner_profiles` choose columns of blocks and take their numbers,
    with units. In a table that holds both, a profile has the pose of its first row.
 4. `pair_profiles` finds the pose of each profile: by label, by time, in order.

@@ -122,17 +122,7 @@ def paired_by_label(poses: Block, names: Names) -> Pairing | None:
     if not matches:
         return None
     best = max(matches, key=lambda match: match.rank)
-    for other in matches:
-        differs = (np.minimum(other.rows, best.rows) >= 0) & (other.rows != best.rows)
-        is_as_good = other.rank == best.rank
-        if other.title != best.title:  # a lost cell makes a label serve fewer
-            is_as_good = other.rank[0] == best.rank[0]
-        if is_as_good and differs.any():
-            name = names[differs.argmax()]
-            raise ScanError(
-                f"{poses.path}: which pose has {name}: {best.how} or {other.how}? "
-                "Rename the profiles' files, or --pose-columns: _ for other columns"
-            )
+    check_others(poses, names, best, matches)
     first_of = {key: row for row, key in reversed([*enumerate(best.keys)])}
     for name, row in zip(names, best.rows, strict=True):
         first = first_of[best.keys[row]]
@@ -143,6 +133,23 @@ def paired_by_label(poses: Block, names: Names) -> Pairing | None:
                 "leave one out"
             )
     return Pairing(best.rows, best.how)
+
+
+def check_others(poses: Block, names: Names, best: Match, matches: list[Match]) -> None:
+    """Raise ScanError where a match that is as good as the best, or of another column,
+    in which a lost cell makes it serve fewer, has another pose for a profile.
+    """
+    for other in matches:
+        differs = (np.minimum(other.rows, best.rows) >= 0) & (other.rows != best.rows)
+        is_as_good = other.rank == best.rank
+        if other.title != best.title:
+            is_as_good = other.rank[0] == best.rank[0]
+        if is_as_good and differs.any():
+            name = names[differs.argmax()]
+            raise ScanError(
+                f"{poses.path}: which pose has {name}: {best.how} or {other.how}? "
+                "Rename the profiles' files, or --pose-columns: _ for other columns"
+            )
 
 
 def ways_to_compare(labels: Names, names: Names) -> Iterator[tuple]:

@@ -214,7 +214,9 @@ def likely_angle(numbers: np.ndarray) -> str:
 
 
 def pose_fields(poses: Block, labels: list[str]) -> tuple[Fields, Taken]:
-    """Fields of a Scan, and what was taken for granted. Raises ScanError."""
+    """Fields of a Scan, and what was taken for granted. Raises ScanError; Question for
+    a unit.
+    """
     numbers = poses.numbers_of(poses.chosen)
     length, unit = length_of(poses)
     angle, of_angle = angle_of(poses)

@@ -109,7 +109,7 @@ def x_of_heights(block: Block, layout: Layout) -> ndarray:
 def points_in(block: Block, said: str) -> Block | None:
     """The points of a block, by the columns that a user says, or else by titles.
 
-    Raises Question.
+    Raises ScanError; Question for several.
     """
     pairs = {}
     for x in block.having("x"):

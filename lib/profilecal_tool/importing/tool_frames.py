@@ -95,8 +95,9 @@ def only_frame(poses: Block, uses: list, which: str) -> str:
         several = f"{poses.path}: moves have {which}s {listed(names)}"
         raise Question(f"{several}; of which are the poses?", where=f"{which}={answer}")
     labels = {label.lower() for label in poses.labels.get("name", [""])}
-    of_each = of_all or columns or labels <= lines.keys()
-    return "".join(name for name in names if of_each or name not in none)
+    is_of_each = of_all or columns or labels <= lines.keys()
+    only = names[0] if names else ""
+    return only if is_of_each or only not in none else ""
 
 
 def without(poses: Block, names: set[str]) -> Block:
