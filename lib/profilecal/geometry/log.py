@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from profilecal.geometry.poses import rotations
 
-# times the usual time between rows: a log is cut where more is missing
+# times the usual time between rows: where more is missing, a log is cut
 GAP = 5.0
 # about so much, in seconds, the clocks of a robot and a scanner may differ
 DELAY_S = 0.2
@@ -36,7 +36,10 @@ class Log:
         one; what they say in gaps is of no use.
         """
         steps = np.diff(self.t)
-        near = steps <= GAP * np.median(steps)
+        beside = np.pad(steps, 1, "edge")
+        # usual is a step as most are or, where the rate changes, as one beside it
+        usual = np.maximum(np.median(steps), np.minimum(beside[:-2], beside[2:]))
+        near = steps <= GAP * usual
         # steps begin to be near at one row, and cease at another
         ends = np.diff(near, prepend=False, append=False).nonzero()[0].reshape(-1, 2)
         place, orientation = self._along(slice(None))

@@ -159,8 +159,8 @@ class Scan:
             Standard deviations that are known, such as ``{"profile_mm": 0.05}``: the
             entries of [noise] in scan.toml.
         side : array (P,) or int
-            Disk and ball: +1 or -1, the side of the scan plane; 0 to decide from the
-            data.
+            Ball: +1 or -1, on which side of the scan plane its centre is, which an
+            answer is checked by. Disk: the same of its motion. 0: not known.
         group : array (P,), optional
             Labels that poses of one flange orientation share; left out, they are found.
         labels : sequence of P str, optional
@@ -416,7 +416,10 @@ class Scan:
 
     def at_rest(self, delay_ms: float) -> "Scan":
         """The same as if its poses had been recorded one by one, by such a delay."""
-        return replace(replace(self, delay_ms=delay_ms), log=None, group_given=False)
+        if not self.log:
+            return self
+        delayed = replace(self, delay_ms=delay_ms)
+        return replace(delayed, log=None, delay_ms=None, group_given=False)
 
     @property
     def T_base_flange(self) -> ndarray:

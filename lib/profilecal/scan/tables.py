@@ -199,7 +199,8 @@ class Table:
         """
         cells = self.columns.get(name, [np.nan] * len(self.lines))
         try:
-            if isinstance(cells, tuple) and "_" in "".join(cells):  # 4_00 is no 400
+            are_text = isinstance(next(iter(cells), 0), str)
+            if are_text and "_" in "".join(cells):  # 4_00 is no 400
                 raise ValueError
             numbers = np.asarray(cells, float)
         except (ValueError, TypeError):

@@ -87,7 +87,7 @@ class Target:
 
     def __post_init__(self) -> None:
         length = np.linalg.norm(self.frame[1][..., 2], axis=-1)
-        if np.abs(length - 1).max() > 1e-6:
+        if not np.abs(length - 1).max(initial=0) <= 1e-6:
             raise ValueError(
                 f"the axis of this {self.kind} has length {length.max():g}; expected 1"
             )
