@@ -107,8 +107,7 @@ def test_a_log_is_followed_between_its_rows(rate, mm, deg):
         turned = rotations(np.radians(5) * phase * [0, 0.6, 0.8])
         return turned, 20 * phase * [0.6, 0, 0.8] + [500, 0, 300]
 
-    t = np.arange(0, 4, 1 / rate), [6.5], np.arange(9, 13, 1 / rate), 20 + np.arange(9)
-    t = np.concatenate(t)
+    t = np.r_[0 : 4 : 1 / rate, 6.5, 9 : 13 : 1 / rate, 20:29]
     log = Log(t, *way(t))
     assert_allclose(log.away(np.array([6.5, 25])), [2.5, 0])
     times = np.concatenate([np.linspace(0.5, 3.4, 100), np.linspace(9.5, 12.4, 100)])
