@@ -39,7 +39,7 @@ class Motion:
     delay_ms: Annotated[float, DELAY_MS] = 30.0
     # by which the scanner's clock is too slow
     drift_ppm: Annotated[float, number(-1000, 1000)] = 0.0
-    lag_ms: float = 0.0  # by which the flange is behind the log
+    lag_ms: Annotated[float, number(0, 100)] = 0.0  # of the flange behind the log
     dropped_percent: Annotated[float, number(0, 90)] = 0.0  # of the profiles
 
 

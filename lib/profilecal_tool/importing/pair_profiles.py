@@ -205,6 +205,8 @@ def time_said(text: str, unit_s: float) -> float:
             return np.datetime64(moment, "us").astype(float) / 1e6
         except ValueError:
             return np.nan
+    if re.search(r"\d:\d|\d\.\d+\.\d", text):  # a clock's, or another date's
+        return np.nan
     # seconds since 1970, or since anything
     match = re.search(r"\d{9,}(?:\.\d+)?|\d+\.\d+", text)
     value = round(cell_number(match[0] if match else text) * unit_s, 9)

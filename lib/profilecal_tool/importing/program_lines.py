@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 from pandas import DataFrame
@@ -23,7 +24,8 @@ def expression_of(form: str) -> re.Pattern:
     """
     form = re.sub(r"\s*([^\w\s$…⋮])\s*", r"\1", form)
     parts = [r"(?<!\w)" if form[0].isalnum() else ""]
-    for token in re.findall(r"\$[a-z]\w*|\w+(?:\|\w+)*|\s+|.", form):
+    tokens = re.findall(r"\$[a-z]\w*|\w+(?:\|\w+)*|\s+|.", form)
+    for token, after in pairwise([*tokens, ""]):
         name = token[1:]
         if token[0] == "$" and name:
             cell = WORD if name in ("name", "tool", "base") else CELL
@@ -31,7 +33,8 @@ def expression_of(form: str) -> re.Pattern:
         elif token.isspace():
             parts.append(r"[ \t]+")
         elif token[0].isalnum():
-            parts.append(f"(?:{token})")
+            end = "" if after.startswith("$") else r"(?!\w)"  # MoveL is not in MoveLDO
+            parts.append(f"(?:{token}){end}")
         else:
             parts.append(SIGNS.get(token) or rf"\s*{re.escape(token)}\s*")
     if token[0] == "$":  # the last token: what it finds is a whole word
@@ -88,7 +91,8 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
                 continue
             forms = [form for form, _ in getattr(robot, kind)]
             table, without = matches_of(forms, rest)
-            if kind not in OF_MOVES:  # a move may have a pose in it, which comes later
+            # a move may have a pose in it, which comes later; an offset is none
+            if kind not in OF_MOVES or "x" in table:
                 rest = without
             if len(table):
                 titles = [*table.columns]

@@ -31,8 +31,8 @@ def lines_of_program(blocks: Blocks, maker: str) -> Program:
 
 def tools_in_data(blocks: Blocks, poses: Block) -> list[Row]:
     """Frames that no program of these poses declares: poses that do not change and are
-    called a tool; and tools of programs beside poses in a table, without numbers, for
-    these may be in other units.
+    called a tool; and tools of programs beside poses in a table. Without numbers where
+    these are, or may be, in other units.
     """
     tools = []
     for block in blocks:
@@ -43,6 +43,8 @@ def tools_in_data(blocks: Blocks, poses: Block) -> list[Row]:
             if name not in WORDS["tool"]:
                 continue
             numbers = own.numbers_of(own.chosen)
+            if own.units(own.chosen) - poses.units(poses.chosen):
+                numbers[:] = np.nan
             frames = DataFrame(numbers, columns=[*own.chosen]).drop_duplicates()
             # beside each pose in Universal Robots' logs: used at once
             if name == "tcp_offset" and block.columns == poses.columns:
@@ -66,7 +68,7 @@ def of_one_frame(
     if column == which:
         uses.append(("", said))
     of_all = sorted({frame for pose, frame in uses if not pose})
-    if len(of_all) > 1:
+    if len(of_all) > 1 and not (which == "tool" and layout.tool):
         raise ScanError(
             f"{poses.path}: no line says which poses are of {which} "
             f"{' or '.join(of_all)}; split it, one per {which}"
@@ -146,10 +148,11 @@ def numbers_of_tool(poses: Block, rows: list[Row], used: str) -> Numbers | None:
             numbers = tuple(float(row.get(role, "nan")) for role in poses.chosen)
             tools.append((row.get("name", "").lower(), numbers))
     # one that is declared without a name is used at once
-    own = {found for name, found in tools if name == used and np.isfinite(found).all()}
+    called = [found for name, found in tools if name == used]
+    own = {found for found in called if np.isfinite(found).all()}
     if len(own) == 1:
         return own.pop()
-    if own or used not in {"", *WORDS["no_tool"]}:
+    if called or used not in {"", *WORDS["no_tool"]}:
         which = f"tool {used}" if used else "a tool without a name"
         letters = (*XYZ, *convention_of_tool(poses).columns)
         raise Question(
