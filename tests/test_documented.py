@@ -15,14 +15,14 @@ def test_examples_run():
         place = path.relative_to(LIB).with_suffix("")
         module = import_module(".".join(place.parts))
         # of the library as they are copied
-        globs = {} if place.parts[0] == "profilecal" else None
-        ran = doctest.testmod(module, globs=globs)
+        is_library = place.parts[0] == "profilecal"
+        ran = doctest.testmod(module, globs={} if is_library else None)
         assert not ran.failed, place
         examples += ran.attempted
     assert examples >= 15
 
 
 def test_the_page_on_python_runs():
-    page = doctest.testfile(str(ROOT / "docs" / "python.md"), module_relative=False)
+    page = doctest.testfile(str(ROOT / "docs/python.md"), module_relative=False)
     assert page.attempted > 20
     assert not page.failed

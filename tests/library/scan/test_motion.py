@@ -109,7 +109,7 @@ def test_a_log_is_followed_between_its_rows(rate, mm, deg):
 
     t = np.r_[0 : 4 : 1 / rate, 6.5, 9 : 13 : 1 / rate, 20:29]
     log = Log(t, *way(t))
-    assert_allclose(log.away(np.array([6.5, 25])), [2.5, 0])
+    assert_allclose(log.away([6.5, 25]), [2.5, 0])
     times = np.concatenate([np.linspace(0.5, 3.4, 100), np.linspace(9.5, 12.4, 100)])
     R, p, _ = log.at(times)
     exact_R, exact_p = way(times)

@@ -165,6 +165,15 @@ FOLDERS |= {
         people.of_tool("n,x,y,z,w,p,r,Tool-Nr", "{k},{all},3", "FANUC angles"),
         "tool 3, of which 0 frames are here… --tool X Y Z W P R",
     ),
+    "a tool in m": (
+        people.of_tool(
+            "n,x [mm],y,z,w,p,r,tcp_offset_x [m],"
+            "tcp_offset_y,tcp_offset_z,tcp_offset_w,tcp_offset_p,tcp_offset_r",
+            "{k},{all},0.012,-0.035,0.18,0,0,30",
+            "FANUC angles",
+        ),
+        "a tool without a name, of which 0 frames are here… --tool X Y Z W P R",
+    ),
     "a tool above": (people.of_tool_above, "tool tcp_offset is declared"),
     "brackets": (csv, each("[{:03d}].csv"), each("[{:03d}]b.csv"), "'[[]*].csv'"),
     "wide brackets": (listed("Ｘ（mm）,Y（mm）,Z（mm）,A,B,C"), "/ written"),
