@@ -30,7 +30,7 @@ def imported_modules(path):
         if isinstance(node, ast.Import | ast.ImportFrom):
             package = f"{node.module}." if isinstance(node, ast.ImportFrom) else ""
             names = [package + alias.name for alias in node.names]
-            starts = "profilecal", *OF_USERS
+            starts = tuple(OF_USERS)
             yield from (name for name in names if name.startswith(starts))
 
 

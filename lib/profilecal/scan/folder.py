@@ -264,12 +264,8 @@ def read_measurements(
     first, by their labels; then what was seen in motion. Raises ScanError.
     """
     with naming(folder):
-        found = [
-            f"{name}{end}"
-            for name in MEASURED
-            for end in (".csv", ".npz")
-            if is_file(folder / f"{name}{end}")
-        ]
+        names = [name + end for name in MEASURED for end in (".csv", ".npz")]
+        found = [name for name in names if is_file(folder / name)]
         path = folder / the_one(found, " (.csv, .npz)")
     columns = MEASURED[path.stem]
     of_poses = ["pose"] if labels or not moving else []
@@ -316,14 +312,15 @@ def keys_of(table: Table) -> list[Any]:
 
 
 def write_scan(scan: Scan, folder: str | Path) -> None:
-    """Write a scan as a new folder of its own, in mm; orientations as they were read.
+    """Write a scan as a new folder of its own, in mm.
 
     Parameters
     ----------
     scan : Scan
         What to write; where it is simulated, its truth goes to truth.toml. More than a
-        million rows, which no spreadsheet opens, become an .npz file. What was
-        measured in motion comes after the poses at rest.
+        million rows, which no spreadsheet opens, become an .npz file. Orientations are
+        as they were read, but beside a log. What was measured in motion comes after the
+        poses at rest.
     folder : str or Path
         A folder that is not there yet, or is empty. It appears whole or not at all.
 

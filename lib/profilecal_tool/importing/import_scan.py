@@ -56,10 +56,11 @@ def import_scan(
     about = {"title": folder.resolve().name, "mount": layout.mount, "target": target}
     header, _ = check_header(folder, about)
     poses, values, blocks, taken = read_folder(folder, layout)
-    poses, tool, words_on_tool = of_one_tool(poses, blocks, layout)
+    program = lines_of_program(blocks, poses.robot)
+    poses, tool, words_on_tool = of_one_tool(poses, program, blocks, layout)
     if poses.table.empty:
         raise ScanError(f"{poses.path}: no poses where {layout.where}")
-    moves = [row.get("name") for row in lines_of_program(blocks, poses.robot)["uses"]]
+    moves = [row.get("name") for row in program["uses"]]
     pairing = pair_profiles(poses, [*values.index], moves, layout)
     if not all(values.index):
         values.index = counted(len(values))

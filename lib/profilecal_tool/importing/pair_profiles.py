@@ -176,13 +176,13 @@ def ways_to_compare(labels: Names, names: Names) -> Iterator[tuple]:
     if max(map(len, of_labels)) > 1:
         yield True, "numbers in the names", of_labels, of_names
     last = [numbers[-1] if numbers else None for numbers in of_labels]
-    for k, wanted in enumerate(zip(*of_names, strict=False), 1):
-        shift = (0 in wanted) - (0 in last)  # 1: profiles count from 0, poses from 1
-        shifted = [one + shift for one in wanted]
+    for k, sought in enumerate(zip(*of_names, strict=False), 1):
+        shift = (0 in sought) - (0 in last)  # 1: profiles count from 0, poses from 1
+        shifted = [one + shift for one in sought]
         what = f"number {k} in the names"
-        fits = {*wanted} <= {*last}
+        fits = {*sought} <= {*last}
         if fits or not {*shifted} <= {*last}:
-            yield False, what, last, wanted
+            yield False, what, last, sought
         if shift and not fits:
             yield False, f"{what}, from 0 and from 1", last, shifted
 

@@ -60,7 +60,8 @@ def of_one_frame(
     """The poses of one frame, and its name: the one that a user says, or else the only
     one that there is; "" if none is known. `which`: "tool" or "base".
 
-    Raises Question where poses have several; ScanError where lines of no pose do.
+    Raises Question where poses have several; ScanError where lines of no pose do, which
+    does not matter if a user says the tool's numbers.
     """
     rows = [row for row in program["uses"] if row.get(which)]
     uses = [(row.get("name", "").lower(), row[which].lower()) for row in rows]
@@ -110,14 +111,13 @@ def without(poses: Block, names: set[str]) -> Block:
 
 
 def of_one_tool(
-    poses: Block, blocks: Blocks, layout: Layout
+    poses: Block, program: Program, blocks: Blocks, layout: Layout
 ) -> tuple[Block, Numbers | None, str]:
-    """The poses of one tool, as blocks of all files say; its numbers, None for the
-    flange; and words on it.
+    """The poses of one tool, as their program and blocks of all files say; its numbers,
+    None for the flange; and words on it.
 
     Raises ScanError; Question.
     """
-    program = lines_of_program(blocks, poses.robot)
     poses, base = of_one_frame(poses, program, "base", layout)
     poses, used = of_one_frame(poses, program, "tool", layout)
     numbers, words = None, "none; taken for the flange's poses"
@@ -148,11 +148,11 @@ def numbers_of_tool(poses: Block, rows: list[Row], used: str) -> Numbers | None:
             numbers = tuple(float(row.get(role, "nan")) for role in poses.chosen)
             tools.append((row.get("name", "").lower(), numbers))
     # one that is declared without a name is used at once
-    called = [found for name, found in tools if name == used]
-    own = {found for found in called if np.isfinite(found).all()}
+    named_so = [found for name, found in tools if name == used]
+    own = {found for found in named_so if np.isfinite(found).all()}
     if len(own) == 1:
         return own.pop()
-    if called or used not in {"", *WORDS["no_tool"]}:
+    if named_so or used not in {"", *WORDS["no_tool"]}:
         which = f"tool {used}" if used else "a tool without a name"
         letters = (*XYZ, *convention_of_tool(poses).columns)
         raise Question(
