@@ -9,7 +9,7 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import pose_error
 from profilecal.simulation.scene import Scene, random_scene
 from profilecal.targets import TARGETS
-from profilecal.targets.observations import State
+from profilecal.targets.state import State
 from profilecal_papers.batches import stack
 
 KINDS = list(TARGETS)

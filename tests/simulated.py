@@ -12,7 +12,7 @@ from profilecal.calibration.answer import DEGREES
 from profilecal.geometry.noise import Systematic, normalised_square
 from profilecal.geometry.poses import difference, homogeneous, rotations
 from profilecal.simulation.spec import truth_of
-from profilecal.targets.observations import State
+from profilecal.targets.state import State
 
 SCANNER = {"noise_mm": 0.06}  # of raw profiles; 0.05 is stated
 ERRING = {"profile_mm": 0.05, "position_mm": 0.05, "orientation_deg": 0.02}

@@ -15,7 +15,8 @@ from profilecal.closed_form.groups import group_members
 from profilecal.closed_form.two_step import TwoStepSolution
 from profilecal.geometry.poses import rotation_groups
 from profilecal.simulation.scene import Scene
-from profilecal.targets.observations import Observations, State
+from profilecal.targets.observations import Observations
+from profilecal.targets.state import State
 
 
 def stack(scenes: Sequence[Scene]) -> Scene:

@@ -22,7 +22,8 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.observability import Spectrum, spectrum
 from profilecal.joint.descent import refine
 from profilecal.joint.problem import Problem, reach
-from profilecal.targets.observations import Observations, State
+from profilecal.targets.observations import Observations
+from profilecal.targets.state import State
 
 # Random numbers drawn at a time: 256 kB, which together with their powers stay in a
 # processor's own cache.

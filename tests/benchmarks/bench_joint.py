@@ -18,7 +18,7 @@ from profilecal.joint.prior import prior_from
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
 from profilecal.simulation.scene import random_scene
-from profilecal.targets.observations import State
+from profilecal.targets.state import State
 from profilecal_papers.monte_carlo import estimate
 
 SIGMA = 0.05  # mm

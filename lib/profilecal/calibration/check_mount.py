@@ -25,7 +25,7 @@ from profilecal.joint.prior import TYPICAL
 from profilecal.joint.problem import Problem
 from profilecal.scan.scan import Scan, described
 from profilecal.scan.tables import ScanError
-from profilecal.targets.observations import State
+from profilecal.targets.state import State
 
 # errors that a calibration may have considered
 ALL_CONSIDERED = Systematic(**dict.fromkeys(vars(TYPICAL), 1.0))

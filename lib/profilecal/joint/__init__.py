@@ -21,9 +21,9 @@ In reading order: `problem` arranges the residuals of all targets (`residuals`),
 what may be wrong with them (`prior`); `descent` finds the least squares, `delay` finds
 at which delay of the clocks, and `first_fit` a fit to most of the poses. At a state all
 else is one linear Gaussian model (`linear_model`): errors of the robot that profiles
-share (`nesting`, `nested_errors`) or that vary smoothly with the pose (`smooth`), and
-errors of scanner and target that are the same at every pose. How large all errors are
-(`error_sizes`, by the `restricted_likelihood`), and which profiles belong to the others
-(`rejection`), is found in rounds. A `solution` follows from the last round
-(`conclusion`). `solve` calls all of these.
+share (`pose_groups`, `nesting`, `nested_errors`) or that vary smoothly with the pose
+(`smooth`), and errors of scanner and target that are the same at every pose. How large
+all errors are (`error_sizes`, by the `restricted_likelihood`), and which profiles
+belong to the others (`rejection`), is found in rounds. A `solution` follows from the
+last round (`conclusion`). `solve` calls all of these.
 """

@@ -18,7 +18,7 @@ from profilecal.joint.prior import Prior
 from profilecal.joint.problem import Problem
 from profilecal.joint.rejection import chi2_left_out
 from profilecal.joint.solution import Solution
-from profilecal.targets.observations import State
+from profilecal.targets.state import State
 
 UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
 # χ² of the six unknowns of a sensor pose: the true one rarely has more than

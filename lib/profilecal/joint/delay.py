@@ -30,7 +30,7 @@ from profilecal.geometry.observability import (
 from profilecal.joint.descent import refine, search, thin
 from profilecal.joint.problem import Problem
 from profilecal.joint.solution import Solution
-from profilecal.targets.observations import State
+from profilecal.targets.state import State
 
 TRIED = np.linspace(-DELAY_S, DELAY_S, 9)  # s
 FEW = 100  # profiles of each target that are looked at

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.poses import angle_between
 from profilecal.joint.problem import Fit, Problem, reach
-from profilecal.targets.observations import Observations, State
+from profilecal.targets.observations import Observations
+from profilecal.targets.state import State
 
 POSES = 40  # that the search looks at
 # 60 rotations: any rotation is within 45° of one of them

@@ -28,7 +28,7 @@ from profilecal.geometry.noise import FALSE_ALARM, SMOOTH, chi2_limit, in_mm
 from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import Law, Prior
 from profilecal.joint.restricted_likelihood import gradient
-from profilecal.targets.observations import Batch
+from profilecal.targets.state import Batch
 
 SMOOTH_ALONE = 0.1  # odds that the robot's errors are smooth in the pose alone
 # odds of each belief that an error of scanner or target is POORER times the usual, and

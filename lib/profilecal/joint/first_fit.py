@@ -15,7 +15,7 @@ from profilecal.joint.descent import (
     search_among_outliers,
 )
 from profilecal.joint.problem import Fit, Problem
-from profilecal.targets.observations import State
+from profilecal.targets.state import State
 
 LARGEST_ERROR_MM = 2.0  # of a robot's position that nothing is stated of
 

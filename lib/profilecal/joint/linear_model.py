@@ -56,8 +56,8 @@ from profilecal.joint.nesting import (
     nesting,
     parts_of,
 )
+from profilecal.joint.pose_groups import PoseGroups
 from profilecal.joint.smooth import SmoothErrors
-from profilecal.targets.observations import PoseGroups
 
 ROUNDING = 1e-13  # of the largest entry of a matrix of products
 MS = 1e-3  # s

@@ -14,6 +14,7 @@ from profilecal.geometry.noise import SMOOTH, Noise, Systematic, chi2_limit
 from profilecal.geometry.observability import HAND_PRECISION
 from profilecal.geometry.poses import Frames, carry, rotations
 from profilecal.joint.linear_model import LinearModel, linear_model
+from profilecal.joint.pose_groups import PoseGroups, pose_groups
 from profilecal.joint.prior import (
     DELAY,
     FINEST_MM,
@@ -24,13 +25,8 @@ from profilecal.joint.prior import (
 )
 from profilecal.joint.residuals import SENSOR, TARGET, Residuals
 from profilecal.joint.smooth import Known, SmoothErrors, smooth_errors
-from profilecal.targets.observations import (
-    Batch,
-    Observations,
-    PoseGroups,
-    State,
-    pose_groups,
-)
+from profilecal.targets.observations import Observations
+from profilecal.targets.state import Batch, State
 
 # Where the residual, and derivatives by the flange pose, stand among all columns.
 RESIDUAL = -7

@@ -15,7 +15,8 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import Frames, carry, cross, dot, inverse, rotations
 from profilecal.joint.prior import Perturbation
 from profilecal.targets.ball import Ball
-from profilecal.targets.observations import Observations, State
+from profilecal.targets.observations import Observations
+from profilecal.targets.state import State
 from profilecal.targets.target import Sight
 
 # Where derivatives stand among the columns of linearised residuals: those by the sensor

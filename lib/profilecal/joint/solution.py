@@ -15,7 +15,7 @@ from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.prior import Perturbation, Prior
 from profilecal.joint.problem import Problem
 from profilecal.joint.smooth import SmoothErrors, shifting
-from profilecal.targets.observations import State
+from profilecal.targets.state import State
 from profilecal.targets.target import Target
 
 

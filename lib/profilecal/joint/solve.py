@@ -17,7 +17,8 @@ from profilecal.joint.prior import Prior, as_stated
 from profilecal.joint.problem import Problem, reach
 from profilecal.joint.rejection import of_large_errors, still_belonging
 from profilecal.joint.solution import Solution
-from profilecal.targets.observations import Observations, State
+from profilecal.targets.observations import Observations
+from profilecal.targets.state import State
 
 ROUNDS = 10  # of estimates; one or two are usual
 UNSETTLED = (

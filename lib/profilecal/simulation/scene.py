@@ -9,7 +9,8 @@ from numpy.random import Generator
 
 from profilecal.geometry.poses import Frames, carry, directions, rotations
 from profilecal.targets import TARGETS
-from profilecal.targets.observations import Observations, State
+from profilecal.targets.observations import Observations
+from profilecal.targets.state import State
 from profilecal.targets.target import Target, Views
 
 STANDOFF = 100.0  # mm, depth of the target's middle in the scan

@@ -20,11 +20,11 @@ from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.noise import ROBOT, SMOOTH, Noise
 from profilecal.geometry.poses import inverse, rotations
 from profilecal.joint.linear_model import linear_model
+from profilecal.joint.pose_groups import PoseGroups
 from profilecal.joint.prior import OF_SCANNER, of_target
 from profilecal.joint.problem import FLANGE, Problem
 from profilecal.joint.restricted_likelihood import gradient
 from profilecal.simulation.scene import random_scene
-from profilecal.targets.observations import PoseGroups
 
 PROFILES = np.arange(9)
 # variances of the scanner and the robot, mm² and degrees²

@@ -13,7 +13,7 @@ from profilecal.geometry.poses import (
     rotation_groups,
     rotations,
 )
-from profilecal.targets.observations import pose_groups
+from profilecal.joint.pose_groups import pose_groups
 
 POSES = np.arange(12)  # of a plan of three orientations
 TWICE = np.repeat(POSES, 2)
