@@ -327,8 +327,8 @@ def point_cloud(path, points):
 
 def numbered_columns(folder):
     count = len(scan().values[0])
-    titles = [f"{axis}{k}" for axis in "xz" for k in range(count)]
-    rows = [points.T.ravel() for points in scan().values]
+    titles = [f"{axis}{k}_um" for axis in "xz" for k in range(count)]
+    rows = [1e3 * points.T.ravel() for points in scan().values]
     table = DataFrame(rows, columns=titles)
     table.to_csv(folder / "all.csv", na_rep="Invalid", index=False)
 

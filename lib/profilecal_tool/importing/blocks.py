@@ -224,8 +224,8 @@ def roles_of_list(cells: DataFrame, name: str) -> tuple[list[str], str]:
     >>> roles, owner = roles_of_list(DataFrame([sum(matrix, [])]), "T")
     >>> roles[:5], owner
     (['r11', 'r12', 'r13', 'x', 'r21'], 'T')
-    >>> roles_of_list(DataFrame([[1, 2, 3, 4, 5, 6]]), "joints")  # not known
-    ([], 'joints')
+    >>> roles_of_list(DataFrame([[1, 2, 3, 4, 5, 6]]), "speeds")  # not known
+    ([], 'speeds')
     >>> roles_of_list(DataFrame([[7, 8]]), "")
     (['x', 'z'], '')
     >>> roles_of_list(DataFrame([[7, 8]]), "any")
@@ -266,7 +266,7 @@ def role_before_heights(cells: list) -> str:
 
 def is_of_other(name: str) -> bool:
     """Whether a name is of something else than the robot."""
-    return not WORDS["other"].isdisjoint(re.split(r"[\W_]+", name.lower()))
+    return not WORDS["other"].isdisjoint(re.split(r"[\W\d_]+", name.lower()))
 
 
 def label_of(cell: Any) -> str:

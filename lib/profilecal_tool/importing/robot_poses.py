@@ -125,28 +125,40 @@ def question_on_file(path: Path, blocks: Blocks, said: str) -> ScanError:
     if not blocks:
         return ScanError(f"{path}: no poses")
     block = max(blocks, key=lambda block: len(block.columns))
-    if block.having("joint"):
-        return question_on_columns(block, "joint angles: export Cartesian poses")
-    sentence = f"no pose in {said}" if said else "what are they?"
-    return question_on_columns(block, sentence, *likely_pose(block))
+    sentence, likely = "what are they?", likely_pose(block)
+    if said:
+        sentence = f"no pose in {said}"
+    elif block.having("joint") and not likely:
+        sentence = "joint angles: export Cartesian poses"
+    return question_on_columns(block, sentence, *likely)
 
 
 def likely_pose(block: Block) -> list[tuple]:
-    """What columns of numbers likely are: behind a position, or three of no known role,
-    three are W, P, R, and four of unit length a quaternion.
+    """What columns of numbers likely are: three of a position, or of no known role, and
+    behind them an orientation, or before them a quaternion.
     """
     numeric = block.table.apply(to_numeric, errors="coerce").dropna(axis=1, how="all")
-    own = [c for c in block.columns if c.at in numeric and c.role in {"", *OF_POSES}]
-    position, turn = own[:3], own[3:]
-    numbers = numeric[[column.at for column in turn]].to_numpy()
-    roles, unit = (), ""
-    if len(turn) == 3:
-        roles, unit = FANUC, likely_angle(numbers)
-    elif len(turn) == 4 and np.allclose(np.linalg.norm(numbers, axis=1), 1, atol=0.01):
-        roles = OF_ABB if turn[0].name.endswith(("0", "1")) else OF_LIBRARIES
-    if not roles or [c.role for c in position] not in ([*XYZ], 3 * [""]):
-        return []
-    return [(position, XYZ, ""), (turn, roles, unit)]
+    unknown = {"", *OF_POSES}
+    own = [c for c in block.columns if c.at in numeric and c.role in unknown]
+    own = [column for column in own if not is_of_other(column.name)]
+    for position, turn in ((own[:3], own[3:]), (own[4:], own[:4])):
+        roles, unit = likely_turn(turn, numeric[[column.at for column in turn]])
+        if roles and [c.role for c in position] in ([*XYZ], 3 * [""]):
+            return [(position, XYZ, ""), (turn, roles, unit)]
+    return []
+
+
+def likely_turn(columns: list[Column], numbers: DataFrame) -> tuple:
+    """The roles of columns of an orientation, and their unit: three are likely W, P, R,
+    and four of unit length a quaternion. None for others.
+    """
+    if len(columns) == 3:
+        return FANUC, likely_angle(numbers.to_numpy())
+    is_unit = np.allclose(np.linalg.norm(numbers, axis=1), 1, atol=0.01)
+    if len(columns) == 4 and is_unit:
+        is_first = columns[0].name.endswith(("0", "1"))
+        return OF_ABB if is_first else OF_LIBRARIES, ""
+    return (), ""
 
 
 def question_on_columns(block: Block, sentence: str, *likely: tuple) -> ScanError:

@@ -68,14 +68,15 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
             )
     rows = block.table[[column.at for column in beside]]
     table = rows.loc[rows.index.repeat(len(z))]
-    further = {
-        "nth": np.arange(len(heights))[:, None],
-        "profile x": x_of_heights(block, layout),
-        "profile z": heights,
-    }
-    for at, (title, cells) in enumerate(further.items(), len(block.columns)):
+    of_x = x[0].unit if len(x) == len(z) else ""
+    further = (
+        ("nth", "", np.arange(len(heights))[:, None]),
+        ("profile x", of_x, x_of_heights(block, layout)),
+        ("profile z", z[0].unit, heights),
+    )
+    for at, (title, unit, cells) in enumerate(further, len(block.columns)):
         table[at] = np.broadcast_to(cells, heights.shape).ravel()
-        beside.append(column_titled(at, title))
+        beside.append(column_titled(at, title)._replace(unit=unit))
     return replace(block, table=table, columns=beside)
 
 

@@ -137,8 +137,16 @@ FOLDERS |= {
         "KUKA angles or FANUC angles",
     ),
     "in cm": (listed("x,y,z,a,b,c", scale=0.1), "up to 101.7; cm, in or mm"),
-    "q1 to q4": (listed("x,y,z,q1,q2,q3,q4", convention="quaternion"), "what are they"),
-    "q0 to q3": (listed("x,y,z,q0,q1,q2,q3", convention="quaternion"), "qw,qx,qy,qz"),
+    "beside joints": (
+        listed(
+            "j1,j2,j3,j4,j5,j6,c1,c2,c3,q1,q2,q3,q4", "0,0,0,0,0,0,{all}", "quaternion"
+        ),
+        "what are they",
+    ),
+    "q0 to q3": (
+        listed("q0,q1,q2,q3,x,y,z", "{3},{4},{5},{6},{0},{1},{2}", "quaternion"),
+        "qw,qx,qy,qz",
+    ),
     "of tcp": (listed("x_tcp,y_tcp,z_tcp,a_tcp,b_tcp,c_tcp"), "poses of tcp"),
     "no titles": (of_angles("", scale=0.001, angle=np.pi / 180), "what are they"),
     "radians in files": (
@@ -476,11 +484,6 @@ SAID = {
     "two places of the first height": (
         tum,
         a_file("z.csv", "X offset,0\nX start,-9\nX pitch,1\n" + HEIGHTS),
-        "where is it along x?",
-    ),
-    "a place with another minus": (
-        tum,
-        a_file("z.csv", "X start,−9\nX pitch,1\n" + HEIGHTS),
         "where is it along x?",
     ),
     "a word that ends on x": (
