@@ -27,9 +27,10 @@ from profilecal_tool.importing.makers import (
 from profilecal_tool.importing.questions import one_or_ask
 
 LARGEST_POSE = 16  # numbers of a matrix; a list of more is a profile
-KNOWN = "|".join(map(re.escape, sorted(UNITS, key=len, reverse=True)))
+KNOWN = sorted(UNITS.keys() - WORDS["in_brackets"], key=len, reverse=True)
 IN_BRACKETS = re.compile(r"(.*?)[\s_,/]*[\[(]([^\])]*)[\])]")
-BEHIND = re.compile(rf"(.*?)(?:[\s_]+in)?[\s_,/]+({KNOWN})")  # A in Grad, x_mm
+# A in Grad, x_mm
+BEHIND = re.compile(rf"(.*?)(?:[\s_]+in)?[\s_,/]+({'|'.join(map(re.escape, KNOWN))})")
 
 
 class Column(NamedTuple):

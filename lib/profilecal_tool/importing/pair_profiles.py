@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 from pandas import to_numeric
+from pandas.api.types import is_numeric_dtype
 
 from profilecal.scan.tables import ScanError, cell_number, listed
 from profilecal_tool.importing.blocks import Block
-from profilecal_tool.importing.makers import TIME_UNITS, XYZ
+from profilecal_tool.importing.makers import TIME_UNITS, XYZ, scale_of
 from profilecal_tool.importing.questions import Layout
 
 STAMP = re.compile(
@@ -53,8 +54,10 @@ def pair_profiles(poses: Block, names: Names, moves: Names, layout: Layout) -> P
     labels = next(iter(poses.labels.values()), [])  # a program's only ones are names
     used = [labels.index(name) for name in dict.fromkeys(moves) if name in labels]
     found = None if layout.times else paired_by_label(poses, names)
-    found = found or paired_by_time(poses, names, layout)
-    found = found or paired_in_order(poses, used, names, layout)
+    times = None if found else times_of(poses, names, layout)
+    if times and len(times.log) > 1:
+        found = paired_by_time(poses, times)
+    found = found or paired_in_order(poses, used, names, times, layout)
     if found.times:
         return found
     served, how = {*found.rows}, found.how
@@ -70,11 +73,11 @@ def pair_profiles(poses: Block, names: Names, moves: Names, layout: Layout) -> P
 
 
 def paired_in_order(
-    poses: Block, used: list[int], names: Names, layout: Layout
+    poses: Block, used: list[int], names: Names, times: Times | None, layout: Layout
 ) -> Pairing:
     """The poses as lines use them, or as they are listed. Raises ScanError where
     there are not as many profiles, where times are said, which then no pose has, or
-    where numbers of poses say another order.
+    where numbers or times, if by another clock, say another order.
     """
     rows = np.array(used or range(len(poses.table)))
     if layout.times or len(names) != len(rows):
@@ -90,7 +93,17 @@ def paired_in_order(
                 f"{poses.path}: {poses.title(column)} goes up and down, and profiles "
                 "have no such number; sort the rows, or name files"
             )
-    return Pairing(rows, "in order of the lines that use them" if used else "in order")
+    how = "in order of the lines that use them" if used else "in order"
+    if times:
+        both = times.log[rows], times.profiles
+        of_poses, of_profiles = (np.argsort(t, kind="stable") for t in both)
+        if (of_poses != of_profiles).any():
+            raise ScanError(
+                f"{poses.path}: times of poses and profiles are by two clocks, and "
+                "in another order; sort the rows, or name files"
+            )
+        how += ", as in time by two clocks"
+    return Pairing(rows, how)
 
 
 class Match(NamedTuple):
@@ -217,26 +230,25 @@ def time_said(text: str, unit_s: float) -> float:
 
 def times_of(poses: Block, names: Names, layout: Layout) -> Times | None:
     """The times of poses and profiles, if all have some, in the unit of the poses; in s
-    if a user says them.
+    if a user says them. Raises ScanError for numbers of an unknown unit.
     """
     columns = poses.having("time", "t")  # a t that is no angle of o, a, t
     if not columns:
         return None
-    unit_s = TIME_UNITS.get(columns[0].unit, 1.0)
+    unit_s, cells = 1.0, poses.table[columns[0].at]
+    if is_numeric_dtype(cells):
+        units = {columns[0].unit} - {""}
+        unit_s, _ = scale_of(poses.path, units, "s", TIME_UNITS)
     of_names = 1.0 if layout.times else unit_s
-    cells = poses.table[columns[0].at].astype(str)
-    log = np.array([time_said(cell, unit_s) for cell in cells])
+    log = np.array([time_said(cell, unit_s) for cell in cells.astype(str)])
     profiles = np.array([time_said(name, of_names) for name in names])
     return Times(log, profiles) if np.isfinite([*log, *profiles]).all() else None
 
 
-def paired_by_time(poses: Block, names: Names, layout: Layout) -> Pairing | None:
+def paired_by_time(poses: Block, times: Times) -> Pairing | None:
     """The poses nearest in time, of a log only those where the robot stands still; or
-    the log, where profiles were taken as the robot moved.
+    the log, where profiles were taken as the robot moved; None by another clock.
     """
-    times = times_of(poses, names, layout)
-    if not times or len(times.log) < 2:
-        return None
     order = np.argsort(times.log, kind="stable")
     t = times.log[order]
     step = np.median(np.diff(t))

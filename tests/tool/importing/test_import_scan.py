@@ -486,11 +486,6 @@ SAID = {
         a_file("z.csv", "X offset,0\nX start,-9\nX pitch,1\n" + HEIGHTS),
         "where is it along x?",
     ),
-    "a word that ends on x": (
-        tum,
-        a_file("z.csv", "Index start,1\nX start,-9\nX pitch,2\n" + HEIGHTS),
-        "X -9.0 to 29.0",
-    ),
     "times before heights": (
         tum,
         a_file("z.csv", HEIGHTS),
@@ -586,6 +581,11 @@ SAID = {
         removed("1700007205.csv"),
         "11 profiles for 12 poses",
     ),
+    "two clocks": (
+        upwards("time,x,y,z,a,b,c", "2024-05-03T14:12:{k:02},{all}"),
+        each("20240503_1512{:02}.csv"),
+        "by two clocks, and in another order",
+    ),
     "no time of a pose": (
         tum,
         a_file("1700000003.csv", "x,z\n1,100\n30,99\n"),
@@ -593,8 +593,8 @@ SAID = {
         "stands still, up to 0 s apart, and no profile has a pose",
     ),
     "times that are no labels": (
-        listed("n,t [s],x,y,z,a,b,c", "{k},{n},{all}"),
-        "--times 1 1",
+        listed("n,t [min],x,y,z,a,b,c", "{k},{n},{all}"),
+        "--times 60 0.01666666666667",
         "by time, up to 0 s apart",
     ),
     "no rate": (tum, "--times 0 0", "--times: 0 profiles a second"),
