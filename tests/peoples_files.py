@@ -360,6 +360,14 @@ def stacked(folder):
     np.save(folder / "all.npy", profiles.swapaxes(1, 2))
 
 
+def cells(folder):
+    """As MATLAB has them: each as long as it is, x above z."""
+    every = np.empty(12, object)
+    for k, points in enumerate(scan().values):
+        every[k] = points[np.isfinite(points[:, 1])].T
+    savemat(folder / "all.mat", {"profiles": every})
+
+
 POSES = {
     "KUKA": kuka,
     "OpenCV": opencv,
@@ -385,6 +393,7 @@ PROFILES = {
     "below one another": below,
     "ragged": ragged,
     "stacked": stacked,
+    "cells": cells,
     "point clouds": every("cloud{}.ply", point_cloud),
 }
 

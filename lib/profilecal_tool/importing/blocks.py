@@ -86,8 +86,11 @@ class Block:
 
         Raises ScanError.
         """
-        cells = {self.title(c): self.table[c.at].to_numpy() for c in columns}
-        return Table(self.path, cells, self.table.index).numbers(cells, blank)
+        rows, numbers = self.table.index, []
+        for title, at in ((self.title(column), column.at) for column in columns):
+            cells = {title: self.table[at].to_numpy()}
+            numbers.append(Table(self.path, cells, rows).column(title, blank))
+        return np.stack(numbers, axis=1)
 
     def rows_at(self, rows: Any) -> Self:
         """The same of some rows, by where they stand in the table."""

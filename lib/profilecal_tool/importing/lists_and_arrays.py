@@ -37,10 +37,14 @@ def nested_blocks(path: Path, text: str) -> Iterator[Block]:
     """The blocks of JSON and YAML. Raises ScanError."""
     # OpenCV writes "%YAML:1.0" and ".Nan", which are no YAML
     plain = re.sub(r"\A%YAML.*\n", "", text).replace(".Nan", ".nan")
-    is_json = path.suffix.lower() == ".json"
+    suffix = path.suffix.lower()
+    if suffix in (".jsonl", ".ndjson"):  # an object a line
+        objects = ",\n".join(filter(str.strip, text.splitlines()))
+        plain = f"[{objects}]"
     with naming(path):
         try:
-            every = [json.loads(text)] if is_json else yaml.load_all(plain, Loader)
+            is_json = "json" in suffix
+            every = [json.loads(plain)] if is_json else yaml.load_all(plain, Loader)
             documents = [one for one in every if isinstance(one, (list, dict))]
         except (yaml.YAMLError, json.JSONDecodeError) as error:
             words = " ".join(str(error).split())
@@ -124,7 +128,11 @@ def matlab_arrays(path: Path) -> Arrays:
     content = loadmat(path, squeeze_me=True)
     arrays = {n: np.asarray(cells) for n, cells in content.items() if n[0] != "_"}
     for name, array in arrays.items():
-        if array.ndim == 3 and array.shape[-1] > 4:
+        if array.ndim == 1 and array.dtype == object:  # cells, of an array each
+            each = [np.asarray(cell) for cell in array]
+            lists = [(one.T if one.shape[-1:] > (4,) else one).tolist() for one in each]
+            arrays[name] = array_of_cells(name, Series(lists))
+        elif array.ndim == 3 and array.shape[-1] > 4:
             arrays[name] = np.moveaxis(array, -1, 0)
     return arrays
 

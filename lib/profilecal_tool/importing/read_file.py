@@ -27,7 +27,7 @@ from profilecal_tool.importing.program_lines import OF_MOVES, program_blocks
 
 SHEETS = {".xlsx", ".xlsm"}
 BINARY = {".npy", ".npz", ".mat", ".ply"}
-NESTED = {".json", ".yaml", ".yml"}
+NESTED = {".json", ".jsonl", ".ndjson", ".yaml", ".yml"}
 MARKS = b"#% \r\n"  # around titles
 BEGIN = 100_000  # characters that tell what a table is like
 HEAD = 50  # lines within which numbers begin

@@ -37,6 +37,7 @@ from profilecal_tool.importing.read_file import BEGIN, names_of
 
 LIKELY_MM = 150.0  # the farthest that a scanner sees, for a guess at a unit
 NARROW_MM = 10.0  # few scanners see so little: it may be cm or inches
+A_GAP = 1 / 3  # of the extent of all points: surfaces that are seen are nearer
 # a name, a unit or none, a number
 X_ABOVE = (
     r"(?<![a-z])x[ _-]?(?:{})[ _]*[\[(]?(?:mm)?[\])]?"
@@ -355,11 +356,12 @@ def check_codes(path: Path, xz: ndarray, layout: Layout) -> None:
 
 
 def is_likely_code(xz: ndarray, code: float) -> bool:
-    """Whether a height is farther from all other points than these are from each other,
-    and recurs or is very large; or it is 0, and several points are 0, 0.
+    """Whether a height is farther from all other points than these are from each other
+    and very large, or than a third of that and recurs; or it is 0, and several points
+    are 0, 0.
 
     >>> seen = [[0, 100], [9, 105]]
-    >>> for others in ([[2, -1], [3, -1]], [[2, -1]], [[2, 1e6]], [[2, 99], [3, 99]]):
+    >>> for others in ([[2, 96], [3, 96]], [[2, 96]], [[2, 1e6]], [[2, 99], [3, 99]]):
     ...     print(bool(is_likely_code(np.array(seen + others), others[0][1])))
     True
     False
@@ -371,6 +373,8 @@ def is_likely_code(xz: ndarray, code: float) -> bool:
     if code == 0 and (xz == 0).all(axis=1).sum() > 1:
         return True
     others = xz[xz[:, 1] != code]
-    if len(others) < 2 or (len(xz) - len(others) < 2 and abs(code) < FARTHEST_MM):
+    recurs = len(xz) - len(others) > 1
+    if len(others) < 2 or not (recurs or abs(code) >= FARTHEST_MM):
         return False
-    return np.abs(others[:, 1] - code).min() > np.ptp(others, axis=0).max()
+    extent = np.ptp(others, axis=0).max()
+    return np.abs(others[:, 1] - code).min() > extent * (A_GAP if recurs else 1)
