@@ -216,7 +216,7 @@ def check(
     enlarged = C + sum(
         one.not_allowed_for * np.outer(one.moves, one.moves) for one in guilty
     )
-    observability = of_covariance(enlarged, before.rank, before.parameters)
+    observability = of_covariance(enlarged, before.is_open)
     is_far = any(
         one.not_allowed_for * normalised_square(C, one.moves) > MUCH**2
         for one in guilty

@@ -25,10 +25,13 @@ WEAK = 0.1  # of the measurement by hand
 LEAST_TURN_DEG = 1.0  # flange orientations that differ by less are taken for one
 HAND_PRECISION = np.repeat([10.0, np.radians(5.0)], 3)  # mm and rad
 NO_RANK = 1e-10  # of the largest eigenvalue of the information
+MOVES = 1e-4  # of a direction of length one: as a part of the sensor's, no rounding
 OPEN = 10.0  # of the measurement by hand: a size that is no longer told
 ENOUGH_TURN_DEG = 10.0  # about the axes beside the main one
 ALONG = np.cos(np.radians(15))  # of a unit vector along an axis
 MATTERS = 0.2  # of the square of a direction: a part that is told
+# of three directions together: those with less are shifts, as near as 10° off each
+LITTLE_TURN = 0.3
 
 
 @dataclass(frozen=True)
@@ -42,16 +45,15 @@ class Spectrum:
     sd: ndarray  # (..., 6) standard deviations over the measurement by hand
     # (..., 6, 6) rows: the directions in units of the measurement by hand, length one
     directions: ndarray
-    rank: ndarray | int  # (...) of the whole information matrix
-    parameters: int
+    # (...) whether a direction without rank moves the sensor
+    is_open: ndarray | bool = False
 
     @property
     def status(self) -> ndarray:
         """ "ok", "weak" or "unobservable", (...)."""
         worst = self.sd[..., 0]
         known = np.where(worst < WEAK, "ok", "weak")
-        is_known = (worst < 1) & (self.rank >= self.parameters)
-        return np.where(is_known, known, "unobservable")
+        return np.where(~(worst < 1) | self.is_open, "unobservable", known)
 
 
 def spectrum(information: ndarray, units: ndarray) -> Spectrum:
@@ -60,24 +62,23 @@ def spectrum(information: ndarray, units: ndarray) -> Spectrum:
     """
     values, vectors = np.linalg.eigh(units[:, None] * information * units)
     largest = values[..., -1:]
-    rank = (values > NO_RANK * largest).sum(axis=-1)
+    moves = np.linalg.norm(vectors[..., :6, :], axis=-2) > MOVES
+    is_open = (moves & (values <= NO_RANK * largest)).any(axis=-1)
     pose = units[:6, None] * vectors[..., :6, :]
     # smaller eigenvalues are rounding
     variances = 1 / np.maximum(values, 1e-14 * largest)
     covariance = (pose * variances[..., None, :]) @ pose.mT
-    return of_covariance(covariance, rank, len(units))
+    return of_covariance(covariance, is_open)
 
 
-def of_covariance(
-    covariance: ndarray, rank: ndarray | int = 6, parameters: int = 6
-) -> Spectrum:
-    """Of covariances (..., 6, 6) of the sensor pose, mm and rad, and the rank (...)
-    behind them.
+def of_covariance(covariance: ndarray, is_open: ndarray | bool = False) -> Spectrum:
+    """Of covariances (..., 6, 6) of the sensor pose, mm and rad, some of which are
+    known to say too little (...).
     """
     in_units = covariance / HAND_PRECISION[:, None] / HAND_PRECISION
     variances, vectors = np.linalg.eigh(in_units)
     sd = np.sqrt(np.maximum(variances[..., ::-1], 0))
-    return Spectrum(covariance, sd, vectors.mT[..., ::-1, :], rank, parameters)
+    return Spectrum(covariance, sd, vectors.mT[..., ::-1, :], is_open)
 
 
 def turns(R_flange: ndarray) -> tuple[ndarray, ndarray]:
@@ -92,14 +93,22 @@ def turns(R_flange: ndarray) -> tuple[ndarray, ndarray]:
     return np.sqrt(squares), axes[0]
 
 
+def axis_along(axis: ndarray) -> str:
+    """The axis of its frame, "x", "y" or "z", that a unit vector is along; "" for
+    none.
+    """
+    k = np.abs(axis).argmax()
+    return "xyz"[k] if abs(axis[k]) >= ALONG else ""
+
+
 def name_axis(vector: ArrayLike, frame: str) -> str:
     """A direction as people say it: "the flange's z", or by its components."""
     axis = unit(np.asarray(vector))
-    k = np.abs(axis).argmax()
-    if abs(axis[k]) >= ALONG:
-        return f"the {frame}'s {'xyz'[k]}"
+    if one := axis_along(axis):
+        return f"the {frame}'s {one}"
     # a sum with zero is never -0
-    components = ", ".join(f"{c:.2f}" for c in np.sign(axis[k]) * axis + 0.0)
+    sign = np.sign(axis[np.abs(axis).argmax()])
+    components = ", ".join(f"{c:.2f}" for c in sign * axis + 0.0)
     return f"({components}) in the {frame}'s frame"
 
 
@@ -164,14 +173,13 @@ def why_open(R_flange: ndarray, frame: str) -> str:
             "cross the target at other places and in other directions of motion, "
             "inside each group of poses too"
         )
-    main, across = name_axis(axis, frame), np.abs(axis)
+    main, one = name_axis(axis, frame), axis_along(axis)
     # both others of an axis of the frame, or the one that is most nearly square to it;
     # rounded, so that no last digit decides
-    others = {*"xyz"} - {main[-1]}
-    if across.max() < ALONG:
-        others = {"xyz"[across.round(1).argmin()]}
-    whose = "its" if frame == "flange" else f"the {frame}'s"
-    other = f"{whose} {' or '.join(sorted(others))}"
+    others = "xyz"[np.abs(axis).round(1).argmin()]
+    if one:
+        others = " or ".join("xyz".replace(one, ""))
+    other = f"its {others}" if frame == "flange" else f"the {frame}'s {others}"
     if about_others < LEAST_TURN_DEG:
         return (
             f"all rotations are about {main}; "
@@ -200,10 +208,10 @@ def explain(
         least, verb = WEAK, "is poorly determined"
     unknown = found.directions[:3][: max(1, (found.sd >= least).sum())]
     what = "; ".join(name_direction(one, R_sensor, frame) for one in unknown)
-    # three that are square to each other and hardly turn
-    if np.sum(unknown[:, :3] ** 2) > 2.91:
+    # they are square to each other
+    if len(unknown) == 3 and np.linalg.norm(unknown[:, 3:]) < LITTLE_TURN:
         what = "translation in every direction"
     known = f"known only to {size_direction(worst, unknown[0])}"
-    if found.rank < found.parameters or worst >= OPEN:
+    if found.is_open or worst >= OPEN:
         known = "left open"
     return [f"{what} {verb} ({known}): {why_open(R_flange, frame)}"]

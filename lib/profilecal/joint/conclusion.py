@@ -74,8 +74,8 @@ def at_the_mean(estimated: Estimate, prior: Prior) -> Solution:
         covariance=enlargement * sizes.covariance,
         enlarged=enlargement * sizes.enlarged,
     )
-    rank = spectrum(posterior.normal[0, :n, :n], problem.units).rank
-    observability = of_covariance(sizes.covariance[:6, :6], rank, n)
+    is_open = spectrum(posterior.normal[0, :n, :n], problem.units).is_open
+    observability = of_covariance(sizes.covariance[:6, :6], is_open)
     return Solution(
         state=state,
         covariance=observability.covariance,

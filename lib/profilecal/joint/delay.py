@@ -96,7 +96,7 @@ def verdict(solution: Solution) -> tuple[str, Spectrum, list[str]]:
     sd_s = solution.delay_sd_s
     moves = solution.error_sizes.covariance[:6, clock] / sd_s
     C = as_it_was.covariance - np.outer(moves, moves)
-    with_known = of_covariance(C, as_it_was.rank, as_it_was.parameters)
+    with_known = of_covariance(C, as_it_was.is_open)
     is_open = sd_s > DELAY_S / 2
     harms = normalised_square(with_known.covariance, moves) > 1
     # standard deviations along the worst direction, over those by hand

@@ -89,7 +89,7 @@ def is_beyond_robots(problem: Problem, fits: Fit, scale: float) -> bool:
     """
     known = spectrum(fits.normal[0, :-1, :-1], problem.units)
     # the worst direction is ten times worse than measured by hand
-    is_open = known.rank < problem.n or known.sd[0] * scale > 10
+    is_open = known.is_open or known.sd[0] * scale > 10
     return bool(is_open or typical_mm(problem, fits) > largest_error_mm(problem.noise))
 
 

@@ -181,8 +181,8 @@ def predict(
     problem, linear, variances = model.linear(*poses, **in_motion)
     posterior = linear.posterior(variances[None])
     (covariance,), n, clock = posterior.covariance, problem.n, problem.clock
-    rank = spectrum(posterior.normal[0, :n, :n], problem.units).rank
-    known = of_covariance(covariance[:6, :6], rank, n)
+    is_open = spectrum(posterior.normal[0, :n, :n], problem.units).is_open
+    known = of_covariance(covariance[:6, :6], is_open)
     mm, rad = largest_sd(known.covariance)
     worst = mm, np.degrees(rad), len(poses[1])
     delay_sd_s = clock and np.sqrt(covariance[clock, clock])

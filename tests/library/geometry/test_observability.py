@@ -117,6 +117,8 @@ def test_thresholds():
     sd[:, 0] = 0.5, 0.99, 1.01, 9.9, 10.1
     found = spectrum(np.apply_along_axis(np.diag, 1, sd**-2), BY_HAND)
     assert found.status.tolist() == [*["ok"] * 2, *["weak"] * 2, "unobservable"]
+    about_target = np.diag([*sd[0] ** -2, 0])  # which leaves it open
+    assert spectrum(about_target, np.append(BY_HAND, 10)).status == "ok"
 
 
 def test_words():
@@ -127,13 +129,13 @@ def test_words():
     assert said == "rotation about the flange's x with translation along the flange's z"
     still = np.eye(3)[None].repeat(4, axis=0)
     open_sd = np.repeat([1e4, 0.01], 3)
-    found = Spectrum(np.eye(6), open_sd, np.eye(6), np.array(7), 10)
+    found = Spectrum(np.eye(6), open_sd, np.eye(6), True)
     (said,) = explain(found, np.eye(3), still, "flange")
     assert said.startswith(
         "translation in every direction cannot be determined (left open): "
         "all flange orientations"
     )
-    known = replace(found, sd=open_sd / 1e6, rank=np.array(10))
+    known = replace(found, sd=open_sd / 1e6, is_open=False)
     assert explain(known, np.eye(3), still, "flange") == []
 
 
@@ -149,7 +151,7 @@ def test_turns_are_told_about_the_axis_they_are_about(k):
     assert_allclose(angles, [expected, 0, 0], atol=1e-6)
     assert abs(axis[k]) > 1 - 1e-12
     two = np.vstack([one, np.radians([[-5], [5]]) * own[1]])
-    weak = Spectrum(np.eye(6), np.r_[0.5, np.full(5, 0.01)], np.eye(6), np.array(9), 9)
+    weak = Spectrum(np.eye(6), np.r_[0.5, np.full(5, 0.01)], np.eye(6))
     others = " or ".join("xyz".replace("xyz"[k], ""))
     tilt = f"; tilt the flange about its {others} by 15° or more in some poses"
     named, small = f"about the flange's {'xyz'[k]}", f"{np.sqrt(2 / 7) * 5:.2g}"

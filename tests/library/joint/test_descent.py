@@ -50,7 +50,8 @@ def test_stated_uncertainty_is_honest(kind):
     assert abs(nees.mean() - 6) < 3 * np.sqrt(12 / trials)
     inside = (nees < chi2.ppf(0.95, 6)).mean()
     assert abs(inside - 0.95) < 3 * np.sqrt(0.95 * 0.05 / trials)
-    dof = Problem([seen], KNOWN).counts.sum() - known.parameters
+    problem = Problem([seen], KNOWN)
+    dof = problem.counts.sum() - problem.n
     bound = min(0.05, 3 * np.sqrt(2 / dof / trials) + 1e-3)
     assert abs((square / dof).mean() - 1) < bound
     assert (known.status != "ok").mean() < 0.01
