@@ -10,7 +10,7 @@ from profilecal.targets import TARGETS
 def features_of(kind, profiles, radius=RADIUS):
     """What a target's finder makes of profiles (P, n, 2)."""
     target = TARGETS[kind]
-    return target.find(profiles, *(radius for _ in target.lengths))
+    return target.find(profiles, *(radius for _ in target.size_names))
 
 
 def share_found(features):

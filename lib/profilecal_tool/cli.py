@@ -415,7 +415,7 @@ def import_(files, folder, **given):
     if kind not in TARGETS:
         kinds = ", ".join(TARGETS)
         raise ValueError(f"--target is {kind}: what was scanned? one of {kinds}")
-    for name in TARGETS[kind].lengths:
+    for name in TARGETS[kind].size_names:
         if name not in said:
             raise ValueError(f"--{name} is missing: a {kind} has one, in mm")
     sizes = {name: rest.pop(name) for name in questions.SIZES & said.keys()}

@@ -164,15 +164,15 @@ def verification_lines(checked: Verification, answer: Answer) -> Lines:
         f"{checked.chance:.2g} that right answers differ by more, "
         f"in {len(apart)} of 6 directions; doubted below {FALSE_ALARM}",
     )
-    yield from lengths_by(checked) if is_scan else shared_by(answer, other)
+    yield from sizes_by(checked) if is_scan else shared_by(answer, other)
     yield "verdict", verdict_on(checked)
 
 
-def lengths_by(checked: Verification) -> Lines:
+def sizes_by(checked: Verification) -> Lines:
     """What the pose makes of the target in another scan."""
     (scan,) = checked.other.scans
-    for name, mm in checked.lengths.items():
-        yield name, f"{mm:.3f} mm by the pose, {scan.measures[name]:g} given"
+    for name, mm in checked.sizes.items():
+        yield name, f"{mm:.3f} mm by the pose, {scan.sizes_by_name[name]:g} given"
     rms = f"{checked.rms_mm:.3g} mm rms"
     yield "residuals", f"{rms} from a {scan.target.shape}, by the pose"
 

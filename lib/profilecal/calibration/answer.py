@@ -36,7 +36,7 @@ class Joint:
     columns: list[str]  # (n,) names of the unknowns and of the errors considered
     mean: list[float]  # (n,) of what is left of them at the answer, mm and rad
     covariance: list[list[float]]  # (n, n)
-    # of each target: kind, lengths, origin (3,) and axes (3, 3)
+    # of each target: kind, sizes, origin (3,) and axes (3, 3)
     targets: list[list]
     robot_errors: dict[str, float]  # entries of `Noise`
     freedom: float  # degrees of freedom with which these are known
@@ -50,8 +50,8 @@ class Joint:
         sizes = [*self.mean, self.freedom, self.noise_factor]
         check_array("mean and sizes", sizes, (n + 2,))
         Noise(**self.robot_errors)
-        for kind, lengths, origin, axes in self.targets:
-            described(kind, lengths)
+        for kind, sizes, origin, axes in self.targets:
+            described(kind, sizes)
             check_array("origin and axes", [origin, *axes], (4, 3))
 
     def of(self, names: list[str]) -> tuple[ndarray, ndarray]:

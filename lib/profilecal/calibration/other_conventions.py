@@ -115,8 +115,8 @@ def readings(
         yield words, posed(rotation.as_matrix(), p)
     if scan.sizes:
         fitting = with_best_lengths(observed)
-        lengths = zip(scan.target.lengths, fitting.sizes, strict=True)
-        words = " and ".join(f"a {name} of {mm:.3g} mm" for name, mm in lengths)
+        pairs = zip(scan.target.size_names, fitting.sizes, strict=True)
+        words = " and ".join(f"a {name} of {mm:.3g} mm" for name, mm in pairs)
         yield words, fitting
 
 
@@ -145,7 +145,7 @@ def other_rotations(scan: Scan) -> Iterator[tuple[str, Rotation]]:
 
 
 def with_best_lengths(stated: Observations) -> Observations:
-    """With the target's lengths as they fit best, a quarter to four times as long."""
+    """With the target's sizes as they fit best, a quarter to four times as long."""
 
     def times(log_ratio: float) -> Observations:
         return replace(stated, sizes=tuple(2**log_ratio * mm for mm in stated.sizes))

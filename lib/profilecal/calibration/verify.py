@@ -49,7 +49,7 @@ class Verification:
     # the second scan by itself, or the other answer
     other: Calibration | Answer
     # of the target, mm, as the scan has them by the sensor pose
-    lengths: dict[str, float] = field(default_factory=dict)
+    sizes: dict[str, float] = field(default_factory=dict)
     rms_mm: float = np.nan  # of the points' distances from the target
 
     @property
@@ -186,7 +186,7 @@ def verify(
             stated,
             solution.covariance,
             alone,
-            lengths=dict(zip(other.measures, map(float, target.measures), strict=True)),
+            sizes=dict(zip(other.sizes_by_name, map(float, target.sizes), strict=True)),
             rms_mm=float(np.sqrt(np.mean(target.distance(points) ** 2))),
         )
     if not len(checked.apart):

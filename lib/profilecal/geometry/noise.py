@@ -86,7 +86,7 @@ class Systematic:
     scale_percent: Sd = 0.0  # of the profiles, along x and along z
     shear_percent: Sd = 0.0  # of the profiles: x that grows with z
     bend_mm: Sd = 0.0  # of the profiles: z, 50 mm from the middle
-    tolerance_mm: Sd = 0.0  # of the target's lengths
+    tolerance_mm: Sd = 0.0  # of the target's sizes
 
 
 def by_unit(name: str) -> ndarray:

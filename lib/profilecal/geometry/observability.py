@@ -46,7 +46,7 @@ class Spectrum:
     # (..., 6, 6) rows: the directions in units of the measurement by hand, length one
     directions: ndarray
     # (...) whether a direction without rank moves the sensor
-    is_open: ndarray | bool = False
+    is_open: ndarray | bool
 
     @property
     def status(self) -> ndarray:

@@ -230,7 +230,7 @@ class Perturbation:
     points: Callable | None = None
     # of flange positions (P, 3) in the base: by how much they are wrong, mm
     positions: Callable = np.zeros_like
-    # a target's kind, its lengths, mm, and the number of the one that is wrong
+    # a target's kind, its sizes, mm, and the number of the one that is wrong
     length: tuple[str, tuple[float, ...], int] | None = None
     # of times (P,) by the scanner's clock: by how much they are wrong, s
     clock: Callable | None = None
@@ -330,11 +330,11 @@ def of_clocks(observations: Sequence[Observations]) -> dict[Perturbation, float]
 
 
 def of_target(observations: Sequence[Observations]) -> list[Perturbation]:
-    """The targets' errors: wrong lengths. Targets of one kind and of the same lengths
+    """The targets' errors: wrong sizes. Targets of one kind and of the same sizes
     are taken for one that several scans saw; each other target is wrong by itself.
     """
     known = {
-        (seen.kind, seen.sizes): seen.target.lengths
+        (seen.kind, seen.sizes): seen.target.size_names
         for seen in observations
         if seen.sizes
     }

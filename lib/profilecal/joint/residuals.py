@@ -90,7 +90,7 @@ class Residuals:
         self, state: State, placement: tuple, longer: ArrayLike = 0.0
     ) -> ndarray:
         """The K residuals of each of P poses and their derivatives, mm and rad, if the
-        target's lengths are so much `longer`.
+        target's sizes are so much `longer`.
 
         Returns (B, columns, K, P), zero where no point is. The columns are derivatives
         by the sensor pose (6) and by the target's frame (n), then the residual.

@@ -27,7 +27,7 @@ from profilecal.scan.scan import (
     MEASURED,
     Scan,
     checked_log,
-    length_rules,
+    size_rules,
     the_one,
 )
 from profilecal.scan.tables import (
@@ -163,9 +163,9 @@ def check_header(path: Path, said: Entries) -> tuple[Entries, float]:
     check_entries(path, said, HEADER)
     scale = SCALE[said.get("units", "mm")]
     target, guess = said.get("target", {}), said.get("guess", {})
-    lengths = length_rules(target.get("kind"), scale)
-    rules = {"kind": ENTRY_RULES["kind"], "side": one_of((1, -1))} | lengths
-    check_entries(path, dict.fromkeys(("kind", *lengths)) | target, rules, "target")
+    sizes = size_rules(target.get("kind"), scale)
+    rules = {"kind": ENTRY_RULES["kind"], "side": one_of((1, -1))} | sizes
+    check_entries(path, dict.fromkeys(("kind", *sizes)) | target, rules, "target")
     known = {name: said[name] for name in ENTRY_RULES if name in said}
     if guess:
         check_entries(path, {"mount": None} | guess, HEADER["guess"], "guess")
@@ -174,7 +174,7 @@ def check_header(path: Path, said: Entries) -> tuple[Entries, float]:
     entries = {
         "kind": target["kind"],
         # 20.3 mm of 0.0203 m, not 20.299999999999997
-        "sizes": tuple(round(scale * target[name], 9) for name in lengths),
+        "sizes": tuple(round(scale * target[name], 9) for name in sizes),
         "mount": Scan.mount,
         "side": target.get("side", 0),
         "delay_ms": said.get("motion", {}).get("delay_ms"),
@@ -351,7 +351,7 @@ def header_of(source: Any, title: str, noise: Mapping) -> Entries:
         "title": title,
         "units": "mm",
         "mount": source.mount,
-        "target": {"kind": source.kind} | source.measures,
+        "target": {"kind": source.kind} | source.sizes_by_name,
         "noise": dict(noise),
     }
 

@@ -66,13 +66,13 @@ ROUNDED = 1e-12  # by which a matrix is off that was printed
 Poses = ArrayLike | RigidTransform | None
 
 
-def length_rules(kind: Any, scale: float = 1.0) -> dict[str, Rule]:
-    """What the lengths of a target that a profile scanner can see may be, in units of
+def size_rules(kind: Any, scale: float = 1.0) -> dict[str, Rule]:
+    """What the sizes of a target that a profile scanner can see may be, in units of
     `scale` mm.
     """
     allowed, limits = number(0.5 / scale, 1000 / scale)
-    lengths = TARGETS.get(str(kind), Target).lengths
-    return dict.fromkeys(lengths, (allowed, f"{limits} {'mm' if scale == 1 else 'm'}"))
+    names = TARGETS.get(str(kind), Target).size_names
+    return dict.fromkeys(names, (allowed, f"{limits} {'mm' if scale == 1 else 'm'}"))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,7 +90,7 @@ class Scan:
     measured: str  # one of MEASURED
     # P arrays (n, columns), mm; n is 1 but for profiles. A row of NaN: nothing was seen
     values: tuple[ndarray, ...]
-    sizes: tuple[float, ...] = ()  # the target's `lengths`, mm
+    sizes: tuple[float, ...] = ()  # the target's, mm
     side: Any = 0  # (P,) 1, -1 or, where it is not known, 0
     # (P,) numbers from 0: poses of one orientation, and a sweep, share one
     group: Any = None
@@ -131,7 +131,7 @@ class Scan:
         times: ArrayLike | None = None,
         sweeps: Sequence[str] | None = None,
         delay_ms: float | None = None,
-        **lengths: float,
+        **sizes: float,
     ) -> "Scan":
         """A scan from arrays in memory.
 
@@ -177,8 +177,8 @@ class Scan:
             `T_base_flange`, `group` and `labels` then are, in their order.
         delay_ms : float, optional
             The robot's clock less the scanner's, where it is known; else it is found.
-        **lengths : float
-            The target's lengths in mm: ``radius`` of a disk, ball or rod.
+        **sizes : float
+            The target's sizes in mm: ``radius`` of a disk, ball or rod.
 
         Raises
         ------
@@ -213,8 +213,8 @@ class Scan:
         >>> scan.p_base_flange[1].round(3)
         array([400.,  22., 300.])
         """
-        rules = length_rules(kind)
-        check_entries("lengths of Scan.of", dict.fromkeys(rules) | lengths, rules)
+        rules = size_rules(kind)
+        check_entries("sizes of Scan.of", dict.fromkeys(rules) | sizes, rules)
         given = {"profiles": profiles, "points": points, "chords": chords, "arcs": arcs}
         moved = {"log": log, "times": times, "sweeps": sweeps, "delay_ms": delay_ms}
         way = None
@@ -237,7 +237,7 @@ class Scan:
                 p_base_flange=T[:, :3, 3],
                 measured=measured,
                 values=rows_by_pose(measured, given[measured]),
-                sizes=tuple(lengths[name] for name in rules),
+                sizes=tuple(sizes[name] for name in rules),
                 side=side,
                 group=group,
                 group_given=group is not None,
@@ -262,12 +262,12 @@ class Scan:
                     f"a target of kind {self.kind!r} needs "
                     f"{' or '.join(target.tables)}, not {measured}"
                 )
-            if len(self.sizes) != len(target.lengths):
+            if len(self.sizes) != len(target.size_names):
                 raise ValueError(
                     f"sizes is {self.sizes}; "
-                    f"expected {len(target.lengths)} lengths in mm"
+                    f"expected {len(target.size_names)} sizes in mm"
                 )
-            check_entries("Scan", self.measures, length_rules(self.kind))
+            check_entries("Scan", self.sizes_by_name, size_rules(self.kind))
             own["sizes"] = tuple(map(float, self.sizes))
             own["noise"] = {name: float(sd) for name, sd in self.noise.items()}
             if self.guess is not None:
@@ -432,9 +432,9 @@ class Scan:
         return TARGETS[self.kind]
 
     @property
-    def measures(self) -> dict[str, float]:
-        """The target's lengths by name, mm."""
-        return dict(zip(self.target.lengths, self.sizes, strict=True))
+    def sizes_by_name(self) -> dict[str, float]:
+        """The target's sizes, mm."""
+        return dict(zip(self.target.size_names, self.sizes, strict=True))
 
     @property
     def description(self) -> str:
@@ -452,8 +452,8 @@ class Scan:
 
 def described(kind: str, sizes: Sequence[float]) -> str:
     """A target in words."""
-    lengths = zip(TARGETS[kind].lengths, sizes, strict=True)
-    return ", ".join([kind, *(f"{name} {mm:g} mm" for name, mm in lengths)])
+    named_sizes = zip(TARGETS[kind].size_names, sizes, strict=True)
+    return ", ".join([kind, *(f"{name} {mm:g} mm" for name, mm in named_sizes)])
 
 
 def in_groups(group: ndarray, one: str, of: str, unit: str) -> list[str]:

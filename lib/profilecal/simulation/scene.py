@@ -79,7 +79,7 @@ class Scene(Setup):
             R_flange=R[None],
             T_flange=T[None],
             points=points[None],
-            sizes=target.measures,
+            sizes=target.sizes,
             group=group,
         )
         return cls(
@@ -128,7 +128,7 @@ def random_scene(
     """
     target = TARGETS[kind]
     shape = G, N = groups or target.groups, positions or target.positions
-    sizes = sizes or target.sizes
+    sizes = sizes or target.usual_sizes
     if mount is None:
         turn = rng.uniform(-np.pi, np.pi, 3) / np.sqrt(3)
         mount = rotations(turn), rng.uniform(-150, 150, 3)

@@ -12,7 +12,7 @@ from numpy.random import Generator, default_rng
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import Frames, homogeneous, inverse
 from profilecal.scan.conventions import CONVENTIONS
-from profilecal.scan.scan import MEASURED, MOUNTS, Scan, length_rules
+from profilecal.scan.scan import MEASURED, MOUNTS, Scan, size_rules
 from profilecal.scan.tables import ScanError, naming
 from profilecal.scan.toml import (
     Count,
@@ -63,7 +63,7 @@ class Spec:
     robot: Robot = field(default_factory=Robot)
     scanner: Scanner = WIDE
     motion: Annotated[Motion | None, Motion] = None  # None: stops for each profile
-    # the target's lengths, mm, entries by their names; left out: as usual for it
+    # of the target, mm, entries by their names; left out: as usual for it
     sizes: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -72,10 +72,11 @@ class Spec:
         return self.mount == "eye-to-hand"
 
     @property
-    def measures(self) -> dict[str, float]:
-        """The target's lengths by name, mm."""
+    def sizes_by_name(self) -> dict[str, float]:
+        """The target's sizes, mm."""
         target = TARGETS[self.kind]
-        return dict(zip(target.lengths, target.sizes, strict=True)) | self.sizes
+        usual = zip(target.size_names, target.usual_sizes, strict=True)
+        return dict(usual) | self.sizes
 
     def scene(self, rng: Generator) -> Scene:
         """The target, and poses that see it."""
@@ -84,7 +85,7 @@ class Spec:
             rng,
             groups=self.groups,
             positions=self.positions,
-            sizes=tuple(self.measures.values()),
+            sizes=tuple(self.sizes_by_name.values()),
             spread_deg=self.spread_deg,
             steering_mm=self.noise.steering_mm,
         )
@@ -164,13 +165,13 @@ def read_spec(
     made: type[Spec] = Spec,
 ) -> Any:
     """A specification `made` of the content of a TOML file `path`: Spec's fields, or
-    those of another dataclass that goes on from it, and the target's lengths.
+    those of another dataclass that goes on from it, and the target's sizes.
 
     Raises ScanError.
     """
     kind = said.get("kind", Spec.kind)
-    target, lengths = TARGETS.get(str(kind), Target), length_rules(kind)
-    rules = entries_of(made) | lengths
+    target, of_target = TARGETS.get(str(kind), Target), size_rules(kind)
+    rules = entries_of(made) | of_target
     del rules["sizes"]
     rules["measured"] = one_of(target.tables)
     rules["specimen"] = one_of(target.specimens)
@@ -186,7 +187,7 @@ def read_spec(
             name: rules[name](**value) if isinstance(value, Mapping) else value
             for name, value in {**said, "noise": noise, "scanner": scanner}.items()
         }
-        sizes = {name: entries.pop(name) for name in lengths if name in said}
+        sizes = {name: entries.pop(name) for name in of_target if name in said}
         return made(**entries, sizes=sizes)
 
 
@@ -304,7 +305,7 @@ def scan_from(
         kind=target.kind,
         measured=measured,
         values=tuple(values),
-        sizes=target.measures,
+        sizes=target.sizes,
         # unknown in motion
         side=target.sides(*planes) * np.isnan(said.get("times", np.nan)),
         noise={name: sd for name, sd in vars(noise).items() if sd},

@@ -42,7 +42,7 @@ class Ball(Round):
     finder = staticmethod(find_balls)
     groups = 10
     positions = 4
-    sizes = (25.0,)
+    usual_sizes = (25.0,)
     with_tool = True
     across = (0.3, 1.0, 0.2)
 

@@ -44,7 +44,7 @@ class Disk(Target):
 
     kind = "disk"
     shape = "circle"
-    lengths = ("radius",)
+    size_names = ("radius",)
     shifts = "xyz"
     turns = "xy"
     points = 2
@@ -55,7 +55,7 @@ class Disk(Target):
     beside_mm = 6.0
     groups = 4
     positions = 40
-    sizes = (50.0,)
+    usual_sizes = (50.0,)
     with_tool = True
     across = (0.3, 1.0, 0.2)
 

@@ -21,7 +21,7 @@ from profilecal.targets.target import (
 ASIDE = 20 * np.cos(np.radians(35))
 DOWN = 20 * np.sin(np.radians(35))
 # Cross-sections as chains of corners, aside of the edge and up from it, mm; the paper's
-# Fig. 4 gives no measures
+# Fig. 4 gives no sizes
 SPECIMENS: dict[str, list[tuple[float, float]]] = {
     # seen corner on: its top and, square to that, a side wall
     "parallel bar": [(-ASIDE, -DOWN), (0, 0), (DOWN, -ASIDE)],

@@ -27,7 +27,7 @@ class Observations:
     T_flange: ndarray
     # (B|1, P, m, 2) x and z, m as the target's `points`; NaN where there is none
     points: ndarray
-    # the target's `lengths`, mm
+    # the target's, mm
     sizes: tuple[float, ...] = ()
     # (P,) poses of one flange orientation share a number
     group: ndarray | None = None

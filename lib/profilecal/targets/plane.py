@@ -116,7 +116,7 @@ class Round(Target):
     # how far to either side of its top the scanner sees it
     half_arc_deg: float
 
-    lengths = ("radius",)
+    size_names = ("radius",)
     fit_is_best = False
 
     # arc(rotation, origin, reach_deg, count): points (P, count, 2) that scan planes

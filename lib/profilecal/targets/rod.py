@@ -53,7 +53,7 @@ class Rod(Round):
     finder = staticmethod(find_rods)
     groups = 15
     positions = 4
-    sizes = (15.0,)
+    usual_sizes = (15.0,)
     stance = ALONG_Y
     across = (1.0, 0.3, 0.5)
     across_mm = 10.0

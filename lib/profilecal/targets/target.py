@@ -8,7 +8,7 @@ y = 0; x runs along the laser line, z is the depth.
 To add one:
 
 1. Write `targets/NAME.py` with a frozen dataclass that derives from `Target`. Its
-   fields are the origin, the z axis if turns change the target, and its lengths. With
+   fields are the origin, the z axis if turns change the target, and its sizes. With
    other fields it has its own `at` and `frame`. It may derive from another target, as a
    ball from what is round.
 2. Set the attributes that have no default here, and those of which the default does not
@@ -47,9 +47,9 @@ from profilecal.profiles.points import Profiles, in_order
 Components = Sequence[ndarray] | ndarray
 # what `residual` returns: residuals, forces and, if there are any, torques
 Linearised = tuple[list, list, Any]
-# what `fit` returns: origins (..., 3), axes (..., 3, 3), and lengths, each (...)
+# what `fit` returns: origins (..., 3), axes (..., 3, 3), and sizes, each (...)
 Fitted = tuple[ndarray, ndarray, tuple]
-# a target's `lengths`, mm
+# mm, in the order of a target's `size_names`
 Sizes = Sequence[float]
 # a stance: z along the sensor's y, y towards the scanner
 ALONG_Y = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
@@ -92,14 +92,14 @@ class Target:
                 f"the axis of this {self.kind} has length {length.max():g}; expected 1"
             )
 
-    # Its name and its measures
+    # Its name and its sizes
 
     # in scan.toml, on the command line and in JSON
     kind: str
     # what all its points make up, in words for a message; targets may share it
     shape: str
-    # its known measures: entries of [target] in scan.toml, fields of the class
-    lengths: tuple[str, ...] = ()
+    # its known sizes: entries of [target] in scan.toml, fields of the class
+    size_names: tuple[str, ...] = ()
 
     # How it stands
 
@@ -111,7 +111,7 @@ class Target:
     @classmethod
     def at(cls, origin: ndarray, axes: ndarray, sizes: Sizes) -> Self:
         """The target whose frame has an origin (3,) and axes (3, 3), in columns, and
-        whose lengths are `sizes`.
+        which has these sizes.
         """
         create: Callable[..., Self] = cls
         z = [axes[..., 2]] if cls.turns else []
@@ -124,9 +124,9 @@ class Target:
         return origin, frame_around(others[0]) if self.turns else np.eye(3)
 
     @property
-    def measures(self) -> tuple[float, ...]:
-        """Its `lengths`, mm."""
-        return tuple(getattr(self, name) for name in self.lengths)
+    def sizes(self) -> tuple[float, ...]:
+        """Its own sizes, mm."""
+        return tuple(getattr(self, name) for name in self.size_names)
 
     # What the joint solution asks
 
@@ -168,7 +168,7 @@ class Target:
     @staticmethod
     def fit(points: ndarray) -> Fitted:
         """The target through points (..., n, 3) anywhere on it: its origin, axes and
-        lengths. A start for the joint solution, and what a scan is verified with.
+        sizes. A start for the joint solution, and what a scan is verified with.
         """
         raise NotImplementedError
 
@@ -190,7 +190,7 @@ class Target:
         vectors = place - origin, *np.moveaxis(axes, -1, 0)
         in_sensor = [np.vecmat(vector, rotation) for vector in vectors]
         seen, *along = (np.moveaxis(v, -1, 0)[..., None, None] for v in in_sensor)
-        return Sight(seen, along, 0 * seen[:2], self.measures)
+        return Sight(seen, along, 0 * seen[:2], self.sizes)
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """Polylines (n, 3) that draw it, as far as it was seen at points (k, 3)."""
@@ -201,7 +201,7 @@ class Target:
     # what a folder may hold (`scan.folder.MEASURED`); the last is what is simulated
     tables: tuple[str, ...] = ("profiles",)
     # its finder: from the points (n, 2) that a scan's profiles show, mm, in order, and
-    # its lengths; what most of them show clearly settles which of several candidates
+    # its sizes; what most of them show clearly settles which of several candidates
     # the others show. A target that leaves no trace has none
     finder: Callable[..., list[Feature]]
     # mm of a profile to either side of a point of it by which its finder knows it:
@@ -210,7 +210,7 @@ class Target:
 
     @classmethod
     def find(cls, profiles: Profiles, *sizes: float) -> list[Feature]:
-        """What each raw profile (n, 2) shows of a target with these lengths, mm.
+        """What each raw profile (n, 2) shows of a target with these sizes, mm.
 
         The finder gets the points that the scanner saw, in order, alone: whether a
         scanner's software keeps the rows of missing points, and how it sorts, makes no
@@ -255,8 +255,8 @@ class Target:
     groups: int
     # in each
     positions: int
-    # of its `lengths`
-    sizes: tuple[float, ...] = ()
+    # its sizes, mm
+    usual_sizes: tuple[float, ...] = ()
     # its axes, in columns, in a sensor frame that looks at it squarely
     stance = np.eye(3)
     # inside a group the scanner moves with the flange's axes, not the base's
@@ -268,8 +268,8 @@ class Target:
 
     @property
     def across_mm(self) -> float:
-        """How far to either side sweeps go: half of its first length, if it has one."""
-        return self.measures[0] / 2 if self.lengths else 20.0
+        """How far to either side sweeps go: half of its first size, if it has one."""
+        return self.sizes[0] / 2 if self.sizes else 20.0
 
     def outline(
         self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray

@@ -23,7 +23,7 @@ from profilecal.scan.toml import (
 from profilecal.targets import TARGETS
 
 FILE = "import.toml"
-SIZES = {name for target in TARGETS.values() for name in target.lengths}
+SIZES = {name for target in TARGETS.values() for name in target.size_names}
 
 
 Taken = dict[str, str]  # what was taken for granted, by what it is about
@@ -91,8 +91,8 @@ def read_answers(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
     entries = read_toml(path)
-    lengths = dict.fromkeys(SIZES, number())
-    check_entries(path, entries, entries_of(Layout) | {"target": TEXT} | lengths)
+    sizes = dict.fromkeys(SIZES, number())
+    check_entries(path, entries, entries_of(Layout) | {"target": TEXT} | sizes)
     return entries
 
 

@@ -67,7 +67,7 @@ def random_poses(model: ScanModel, count: int, rng: Generator, beyond: float) ->
 
     origin, axes = model.target.frame
     aim = origin + limits.extent_mm * (free_axes(model) * share(3)) @ axes.T
-    for radius in model.target.measures:
+    for radius in model.target.sizes:
         aim += 0.9 * radius * in_unit_ball(rng, count)
 
     near, far = model.scanner.near, model.scanner.far

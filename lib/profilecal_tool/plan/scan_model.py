@@ -56,7 +56,7 @@ class ScanModel(Setup):
 
     def elsewhere(self, rng: Generator) -> "ScanModel":
         """The same with everything anywhere within the guess's margins."""
-        setup = self.guess.setup(self.target.kind, self.target.measures, rng)
+        setup = self.guess.setup(self.target.kind, self.target.sizes, rng)
         return replace(self, **vars(setup))
 
     @property
@@ -102,7 +102,7 @@ class ScanModel(Setup):
             R[None],
             T[None],
             points[None],
-            self.target.measures,
+            self.target.sizes,
             rotation_groups(R),
             self.to_hand,
             covariance,

@@ -102,7 +102,7 @@ def steps(plan: Plan, spec: Path, folder: Path | None) -> list[str]:
         f"then profilecal calibrate {scans}",
     ]
     if not is_scan:
-        said = [f"--{name} {getattr(target, name):g} " for name in target.lengths]
+        said = [f"--{name} {getattr(target, name):g} " for name in target.size_names]
         said += ["--mount eye-to-hand "] * plan.model.to_hand
         lines.append(
             "or take the scanner's files: profilecal import DIR NEW-FOLDER "

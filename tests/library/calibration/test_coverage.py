@@ -117,7 +117,7 @@ def scans_of(cell, seed):
     for spec in others:
         target = targets.TARGETS[spec.kind]
         origin, axes = scene.target.frame[0], scene.facing @ target.stance
-        placed = target.at(origin, axes, target.sizes)
+        placed = target.at(origin, axes, target.usual_sizes)
         scans.append(record(replace(scene, target=placed), poses, spec, rng))
     stated = {"profile_mm": 0.05} | EXACT_SCANNER | stated
     return [replace(scan, noise=stated) for scan in scans]

@@ -151,7 +151,7 @@ def test_turns_are_told_about_the_axis_they_are_about(k):
     assert_allclose(angles, [expected, 0, 0], atol=1e-6)
     assert abs(axis[k]) > 1 - 1e-12
     two = np.vstack([one, np.radians([[-5], [5]]) * own[1]])
-    weak = Spectrum(np.eye(6), np.r_[0.5, np.full(5, 0.01)], np.eye(6))
+    weak = Spectrum(np.eye(6), np.r_[0.5, np.full(5, 0.01)], np.eye(6), False)
     others = " or ".join("xyz".replace("xyz"[k], ""))
     tilt = f"; tilt the flange about its {others} by 15° or more in some poses"
     named, small = f"about the flange's {'xyz'[k]}", f"{np.sqrt(2 / 7) * 5:.2g}"

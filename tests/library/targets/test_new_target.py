@@ -37,14 +37,14 @@ class Groove(Target):
 
     kind = "groove"
     shape = "three parallel lines"
-    lengths = ("width", "depth")
+    size_names = ("width", "depth")
     shifts = "xy"
     turns = "xyz"
     points = 3
     rows = 2
     groups = 8
     positions = 4
-    sizes = (20.0, 8.0)
+    usual_sizes = (20.0, 8.0)
     stance = ALONG_Y
 
     @classmethod
@@ -162,7 +162,7 @@ def recorded(seed):
 def test_a_folder_holds_its_profiles_and_its_lengths(tmp_path):
     pc.write_scan(recorded(seed=0)[0], tmp_path)
     scan = pc.read_scan(tmp_path)
-    assert scan.measures == SIZES
+    assert scan.sizes_by_name == SIZES
     assert scan.description == "groove, width 20 mm, depth 9 mm"
 
 
@@ -189,4 +189,4 @@ def test_an_answer_is_reported_and_verified():
     assert not pc.verify(found, other_sensor).as_expected
     covariance = found.covariance_total_mm_deg
     true = pc.Answer(truth.pose, covariance, found.noise_mm, found.mount)
-    assert pc.verify(true, scan).lengths == pytest.approx(SIZES, abs=0.1)
+    assert pc.verify(true, scan).sizes == pytest.approx(SIZES, abs=0.1)
