@@ -26,7 +26,7 @@ from profilecal.geometry.poses import carry
 from profilecal.joint.prior import Mount, Prior, prior_from
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import solve
-from profilecal.scan.scan import GUESS_SD, Scan
+from profilecal.scan.scan import GUESS_SD, Scan, checked_guess_sd
 from profilecal.targets.observations import Observations
 
 
@@ -202,10 +202,8 @@ def mount_of(
         guess = guess.as_matrix()
     T = check_array("guess", guess, (4, 4))
     check_rigid("guess", T[None])
-    sd = check_array("guess_sd", guess_sd, (2,), finite=False)
-    if not (sd > 0).all():
-        raise ValueError(f"guess_sd is {guess_sd}; expected mm and degrees above 0")
-    return Mount(T[:3, :3], T[:3, 3], np.repeat([sd[0], np.radians(sd[1])], 3))
+    mm, deg = checked_guess_sd(guess_sd)
+    return Mount(T[:3, :3], T[:3, 3], np.repeat([mm, np.radians(deg)], 3))
 
 
 def other_sides(

@@ -214,9 +214,11 @@ def affine_residuals(
 
     Inside a rotation group the sensed point of a straight edge, or a marked point, is
     such a function of the flange position, whatever the calibration: what is left is
-    noise. Values that are not `present` (..., n) are left out: zero is left of them.
+    noise. Values that are not `present` (..., n), NaN or not, are left out: zero is
+    left of them.
     """
     weight = np.broadcast_to(present, values.shape[:-1])[..., None]
+    values = np.where(weight, values, 0)
     share = (weight / weight.sum(axis=-2, keepdims=True)).mT
     offsets = weight * (positions - share @ positions)
     offsets *= np.abs(offsets) > 1e-9  # mm: what is less is rounding

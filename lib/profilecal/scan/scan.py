@@ -32,6 +32,7 @@ from profilecal.geometry.poses import (
 from profilecal.scan.conventions import named, to_rotations
 from profilecal.scan.tables import listed, naming, shown
 from profilecal.scan.toml import (
+    TABLE,
     TEXT,
     Entries,
     Rule,
@@ -58,6 +59,7 @@ ENTRY_RULES: Entries = {
     "kind": one_of(TARGETS),
     "mount": one_of(MOUNTS),
     "title": TEXT,
+    "truth": TABLE,
     "noise": entries_of(Noise) | entries_of(Systematic),
     "delay_ms": (lambda ms: ms is None or DELAY_MS[0](ms), DELAY_MS[1]),
 }
@@ -272,6 +274,7 @@ class Scan:
             own["noise"] = {name: float(sd) for name, sd in self.noise.items()}
             if self.guess is not None:
                 own["guess"] = rigid("guess", [self.guess])[0]
+            own["guess_sd"] = tuple(checked_guess_sd(self.guess_sd).tolist())
             own["values"] = self._seen()
             own.update(self._posed())
             for label, rows in zip(self.labels, self.values, strict=True):
@@ -490,6 +493,14 @@ def rigid(name: str, poses: Poses) -> ndarray:
     is_rounded = np.abs(R - near).max(axis=(1, 2), initial=0.0) > ROUNDED
     R[is_rounded] = near[is_rounded]
     return T
+
+
+def checked_guess_sd(guess_sd: ArrayLike) -> ndarray:
+    """Standard deviations of a guess, (2,) mm and degrees. Raises ValueError."""
+    sd = check_array("guess_sd", guess_sd, (2,), finite=False)
+    if not (sd > 0).all():
+        raise ValueError(f"guess_sd is {guess_sd}; expected mm and degrees above 0")
+    return sd
 
 
 def rows_by_pose(measured: str, values: Any) -> tuple[Any, ...]:

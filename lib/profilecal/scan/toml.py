@@ -18,6 +18,7 @@ own. A plain float is 0 to 1e6, a plain int 0 to 10,000, and a str one line of t
 import json
 import tomllib
 from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from dataclasses import MISSING, fields
 from numbers import Integral, Real
 from pathlib import Path
@@ -126,14 +127,22 @@ def read_toml(path: str | Path) -> Entries:
 
 def toml_text(entries: Mapping[str, Any]) -> str:
     """A dictionary of finite numbers, texts and nested lists of numbers, and one level
-    of such dictionaries, as TOML. Raises ValueError.
+    of such dictionaries, as TOML, without those that are empty.
+
+    Raises ValueError for what would not be read back as it is: None, deeper levels,
+    names that are more than letters, digits, - and _.
     """
-    tables = {k: v for k, v in entries.items() if isinstance(v, Mapping)}
+    plain = json.loads(json.dumps(entries, allow_nan=False, default=float))
+    full = {name: value for name, value in plain.items() if value != {}}
+    tables = {name: own for name, own in full.items() if isinstance(own, dict)}
     lines = [
-        f"{name} = "
-        f"{json.dumps(value, ensure_ascii=False, allow_nan=False, default=float)}\n"
-        for name, value in entries.items()
+        f"{name} = {json.dumps(value, ensure_ascii=False)}\n"
+        for name, value in full.items()
         if name not in tables
     ]
-    lines += [f"\n[{name}]\n{toml_text(own)}" for name, own in tables.items() if own]
-    return "".join(lines)
+    lines += [f"\n[{name}]\n{toml_text(own)}" for name, own in tables.items()]
+    text = "".join(lines)
+    with suppress(tomllib.TOMLDecodeError):
+        if tomllib.loads(text) == full:
+            return text
+    raise ValueError(f"{shown(plain)} cannot be written as TOML")

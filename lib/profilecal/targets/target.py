@@ -91,6 +91,11 @@ class Target:
             raise ValueError(
                 f"the axis of this {self.kind} has length {length.max():g}; expected 1"
             )
+        for name, size in zip(self.size_names, self.sizes, strict=True):
+            if not 0 < size < np.inf:
+                raise ValueError(
+                    f"the {name} of this {self.kind} is {size:g}; expected mm above 0"
+                )
 
     # Its name and its sizes
 
@@ -214,8 +219,10 @@ class Target:
 
         The finder gets the points that the scanner saw, in order, alone: whether a
         scanner's software keeps the rows of missing points, and how it sorts, makes no
-        difference.
+        difference. Raises ValueError for a target that leaves no trace in them.
         """
+        if "profiles" not in cls.tables:
+            raise ValueError(f"a {cls.kind} leaves no trace in profiles")
         rows = [*map(in_order, profiles)]
         seen = [profile[own] for profile, own in zip(profiles, rows, strict=True)]
         return [
@@ -229,8 +236,11 @@ class Target:
 
         That is minus the `residual` of points in the sensor's origin: of a marked point
         that is beside the scan plane, where it is seen from there. A target with any
-        number of points has none, or what its table of a folder holds.
+        number of points has none, or what its table of a folder holds. Raises
+        ValueError.
         """
+        if self.points is None:
+            raise ValueError(f"a {self.kind} is met in a curve: see `points_seen`")
         x, z, *_ = self.residual(self.sight_from(rotation, origin))[0]
         places = -np.concatenate([x, z], axis=-1)
         return places if self.points != 1 else places[..., 0, :]

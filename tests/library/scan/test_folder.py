@@ -73,6 +73,13 @@ def test_a_scan_written_is_read_back(folder, mount, convention, measured, kind):
     assert_same(pc.read_scan(folder), start)
 
 
+@pytest.mark.parametrize("truth", [{"a": None}, {"a.b": 1}, {"a": {"b": {"c": 1}}}])
+def test_what_toml_cannot_say_is_not_written(folder, truth):
+    scan = replace(twelve_poses("edge", "points"), truth=truth)
+    with pytest.raises(pc.ScanError, match="cannot be written as TOML"):
+        pc.write_scan(scan, folder)
+
+
 def in_metres(*columns):
     """What changes columns of a table from mm to m."""
     return lambda table: table.assign(**table[[*columns]] / 1000)

@@ -22,12 +22,11 @@ def test_a_copy_with_something_wrong_is_refused():
             "group": np.zeros(12),
             "group_given": True,
         },
-        "labels has '' 1 times; expected names, each once": {
-            "labels": ("", *scan.labels[1:])
+        "labels has ' ' 1 times; expected names, each once": {
+            "labels": (" ", *scan.labels[1:])
         },
-        "labels has ' a' 1 times; expected names, each once": {
-            "labels": (" a", *scan.labels[1:])
-        },
+        "guess_sd is .*; expected mm and degrees above 0": {"guess_sd": (-5, 8)},
+        "truth is 5; expected a table": {"truth": 5},
         "pose 'g1p1' has 5 rows of points; expected one": {
             "values": (np.ones((5, 2)),) * 12
         },

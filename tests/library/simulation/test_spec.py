@@ -54,7 +54,6 @@ IMPOSSIBLE = {
         "motion": {"dropped_percent": 90, "profiles": 1, "sweeps": 1}
     },
     "link_mm has no effect": {"motion": {}, "robot": {"link_mm": 0.2}},
-    "repeats has no effect": {"motion": {}, "repeats": 2},
     "accuracy_mm has no effect": {"noise": {"accuracy_mm": 0.3}},
     "steering_mm has no effect": {"motion": {}, "noise": {"steering_mm": 0.3}},
 }

@@ -22,6 +22,8 @@ from profilecal.joint.problem import Problem
 from profilecal.simulation.scene import random_scene
 from profilecal.targets import TARGETS
 
+Z = np.array([0.0, 0.0, 1.0])
+
 
 @pytest.mark.parametrize("in_space", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
@@ -99,9 +101,18 @@ def test_a_fit_to_its_points_is_the_target(kind):
     assert_allclose(origins[1], origin)
 
 
-def test_an_axis_is_a_unit_vector():
-    with pytest.raises(ValueError, match="axis of this plane has length 5; expected 1"):
-        pc.Plane([0, 0, 0], [0, 0, 5])
+NONE = {  # by what is said of them
+    "axis of this plane has length 5; expected 1": lambda: pc.Plane(0 * Z, 5 * Z),
+    "radius of this ball is -1; expected mm above 0": lambda: pc.Ball(Z, -1),
+    "a plane is met in a curve": lambda: pc.Plane(Z, Z).meet(np.eye(3), Z),
+    "a point leaves no trace": lambda: pc.Point.find([]),
+}
+
+
+@pytest.mark.parametrize("sentence", NONE)
+def test_there_is_no_such_target_and_none_is_met_or_found(sentence):
+    with pytest.raises(ValueError, match=sentence):
+        NONE[sentence]()
 
 
 @pytest.mark.parametrize("kind", KINDS)
