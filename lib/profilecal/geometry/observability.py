@@ -19,6 +19,7 @@ from numpy import ndarray
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from profilecal.geometry.fitting import with_sign
 from profilecal.geometry.poses import unit
 
 WEAK = 0.1  # of the measurement by hand
@@ -61,10 +62,10 @@ def spectrum(information: ndarray, units: ndarray) -> Spectrum:
     of each parameter if it is measured by hand, mm and rad.
     """
     values, vectors = np.linalg.eigh(units[:, None] * information * units)
-    largest = values[..., -1:]
-    moves = np.linalg.norm(vectors[..., :6, :], axis=-2) > MOVES
+    largest, parts = values[..., -1:], vectors[..., :6, :]
+    moves = np.linalg.norm(parts, axis=-2) > MOVES
     is_open = (moves & (values <= NO_RANK * largest)).any(axis=-1)
-    pose = units[:6, None] * vectors[..., :6, :]
+    pose = units[:6, None] * parts
     # smaller eigenvalues are rounding
     variances = 1 / np.maximum(values, 1e-14 * largest)
     covariance = (pose * variances[..., None, :]) @ pose.mT
@@ -107,8 +108,7 @@ def name_axis(vector: ArrayLike, frame: str) -> str:
     if one := axis_along(axis):
         return f"the {frame}'s {one}"
     # a sum with zero is never -0
-    sign = np.sign(axis[np.abs(axis).argmax()])
-    components = ", ".join(f"{c:.2f}" for c in sign * axis + 0.0)
+    components = ", ".join(f"{c:.2f}" for c in with_sign(axis) + 0.0)
     return f"({components}) in the {frame}'s frame"
 
 
@@ -180,16 +180,11 @@ def why_open(R_flange: ndarray, frame: str) -> str:
     if one:
         others = " or ".join("xyz".replace(one, ""))
     other = f"its {others}" if frame == "flange" else f"the {frame}'s {others}"
-    if about_others < LEAST_TURN_DEG:
-        return (
-            f"all rotations are about {main}; "
-            f"tilt the flange about {other} by 15° or more in some poses"
-        )
-    return (
-        f"but for turns about {main}, the orientations differ by only "
-        f"{about_others:.2g}°; tilt the flange about {other} by 15° or more "
-        "in some poses"
-    )
+    only = f"all rotations are about {main}"
+    if about_others >= LEAST_TURN_DEG:
+        differ = f"the orientations differ by only {about_others:.2g}°"
+        only = f"but for turns about {main}, {differ}"
+    return f"{only}; tilt the flange about {other} by 15° or more in some poses"
 
 
 def explain(

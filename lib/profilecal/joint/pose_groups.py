@@ -58,13 +58,15 @@ def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
     shared within an orientation: without groups, by other targets' profiles alone. What
     was seen in motion has a pose of its own, and its sweep is the group.
     """
-    own = [(one.R_flange[0], one.T_flange[0], one.moving[0]) for one in observations]
-    R, T, moving = map(np.concatenate, zip(*own, strict=True))
+    own = [
+        (one.R_flange[0], one.T_flange[0], one.moving[0], one.labels)
+        for one in observations
+    ]
+    R, T, moving, labels = map(np.concatenate, zip(*own, strict=True))
 
-    labels = [seen.labels for seen in observations]
-    target = np.repeat(np.arange(len(labels)), [*map(len, labels)])
+    target = np.arange(len(own)).repeat([len(labels) for *_, labels in own])
     # no two targets have a number in common
-    numbers = len(target) * target + np.concatenate(labels)
+    numbers = len(target) * target + labels
     _, first, group = np.unique(numbers, return_index=True, return_inverse=True)
 
     # each of a target's groups is one, and one with another target's that points the

@@ -393,8 +393,8 @@ def tables_of(scan: Scan) -> dict[str, Columns]:
     where, labels = {}, np.array(scan.labels)
     if still.any():
         R, p = scan.R_base_flange[still], scan.p_base_flange[still]
-        poses = {"pose": labels[still]}
-        poses |= poses_columns(R, p, turn.name, scan.orientation)
+        columns = poses_columns(R, p, turn.name, scan.orientation)
+        poses = {"pose": labels[still]} | columns
         if scan.side.any():
             poses["side"] = scan.side[still]
         if scan.group_given:

@@ -134,14 +134,13 @@ def toml_text(entries: Mapping[str, Any]) -> str:
     """
     plain = json.loads(json.dumps(entries, allow_nan=False, default=float))
     full = {name: value for name, value in plain.items() if value != {}}
-    tables = {name: own for name, own in full.items() if isinstance(own, dict)}
-    lines = [
-        f"{name} = {json.dumps(value, ensure_ascii=False)}\n"
-        for name, value in full.items()
-        if name not in tables
-    ]
-    lines += [f"\n[{name}]\n{toml_text(own)}" for name, own in tables.items()]
-    text = "".join(lines)
+    text = tables = ""
+    for name, value in full.items():
+        if isinstance(value, dict):
+            tables += f"\n[{name}]\n{toml_text(value)}"
+        else:
+            text += f"{name} = {json.dumps(value, ensure_ascii=False)}\n"
+    text += tables
     with suppress(tomllib.TOMLDecodeError):
         if tomllib.loads(text) == full:
             return text

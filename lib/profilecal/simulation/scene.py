@@ -112,7 +112,8 @@ def random_scene(
     sizes: tuple | None = None,
     spread_deg: float = 30.0,
     one_way: bool = False,
-    axis: ndarray | str | None = None,
+    axis: ndarray | None = None,
+    about_target: bool = False,
     count: int = 40,
     steering_mm: float = 0.0,
 ) -> Scene:
@@ -121,10 +122,10 @@ def random_scene(
     and in view.
 
     Each of the `groups` turns from a first orientation by up to `spread_deg`, about any
-    axis, about `axis` (3,) of the base, or about the target's own z ("target"). Inside
-    a group of `positions` the sensor moves in the base's axes, or with the flange's if
-    that suits the target; `one_way` and `steering_mm`: see `Views`. `count`: points of
-    a curve.
+    axis, about `axis` (3,) of the base, or, `about_target`, about the target's own z.
+    Inside a group of `positions` the sensor moves in the base's axes, or with the
+    flange's if that suits the target; `one_way` and `steering_mm`: see `Views`.
+    `count`: points of a curve.
     """
     target = TARGETS[kind]
     shape = G, N = groups or target.groups, positions or target.positions
@@ -138,11 +139,9 @@ def random_scene(
     axes = facing @ target.stance
     setup = Setup(target.at(origin, axes, sizes), facing, *mount)
 
-    if axis is None:
-        turns = in_unit_ball(rng, G)
-    else:
-        about = axes[:, 2] if isinstance(axis, str) else axis
-        turns = rng.uniform(-1, 1, (G, 1)) * about
+    if about_target:
+        axis = axes[:, 2]
+    turns = in_unit_ball(rng, G) if axis is None else rng.uniform(-1, 1, (G, 1)) * axis
     R_view = rotations(np.radians(spread_deg) * turns) @ first
     views = Views(shape, sizes, facing[:, 2] @ R_view, one_way, steering_mm)
     moving = R_view if target.with_tool else first

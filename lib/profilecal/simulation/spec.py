@@ -250,23 +250,27 @@ def taken(scene: Scene, spec: Spec, rng: Generator) -> Frames:
 
 def record(scene: Scene, poses: Frames, spec: Spec, rng: Generator) -> Scan:
     """The scan of a scene by a robot that takes its flange to `poses` (P, 3, 3), (P,
-    3), mm. Raises ScanError where it shows nothing.
+    3), mm, and measures as often as `spec` repeats it. Raises ScanError where it shows
+    nothing.
     """
-    stop = np.arange(len(scene.labels)).repeat(spec.repeats)
-    seen = scene.observations.keep(stop)
-    R, T = seen.R_flange[0], seen.T_flange[0]
+    R, T = revisited(*poses, spec.noise, rng)
+    stop = np.arange(len(T)).repeat(spec.repeats)
+    said = said_at(scene, stop, spec)
+    return scan_from(scene, (R[stop], T[stop]), said, spec, rng)
+
+
+def said_at(scene: Scene, stop: ndarray, spec: Spec) -> Entries:
+    """What the robot says of its stops (n,) at the poses of a scene, by their numbers:
+    entries of a Scan.
+    """
+    seen = scene.observations
+    R, T = seen.R_flange[0, stop], seen.T_flange[0, stop]
     if spec.to_hand:
         R, T = inverse(R, T)
-    labels, again = [*scene.labels], range(1, spec.repeats + 1)
+    labels, again = scene.labels, range(1, spec.repeats + 1)
     if spec.repeats > 1:
-        labels = [f"{label}m{k}" for label in labels for k in again]
-    said = {
-        "labels": labels,
-        "R_base_flange": R,
-        "p_base_flange": T,
-    }
-    R, T = revisited(*poses, spec.noise, rng)
-    return scan_from(scene, (R[stop], T[stop]), said, spec, rng)
+        labels = tuple(f"{label}m{k}" for label in labels for k in again)
+    return {"labels": labels, "R_base_flange": R, "p_base_flange": T}
 
 
 def scan_from(

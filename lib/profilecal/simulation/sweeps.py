@@ -2,7 +2,7 @@
 a clock of its own.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -128,6 +128,27 @@ def random_sweeps(
     return sweeps[: motion.sweeps]
 
 
+def legs(
+    sweeps: Sequence[Sweep], motion: Motion, noise: Noise, rng: Generator
+) -> Iterator[tuple[ndarray, Frames, ndarray, Frames]]:
+    """Of sweeps one after another the times (L,), s, of the log's rows and the sensor's
+    frames in it; the times (n,), s, of the profiles by the scanner's clock and where
+    the sensor really was.
+    """
+    begin, count = 2 * BESIDE_S, motion.profiles
+    share = (np.arange(count) + 0.5) / count
+    for sweep in sweeps:
+        end, middle = begin + sweep.seconds, begin + sweep.seconds / 2
+        noted = np.arange(begin - BESIDE_S, end + BESIDE_S, 1 / motion.log_hz).round(6)
+        kept = rng.uniform(0, 100, count) >= motion.dropped_percent
+        taken = begin + sweep.seconds * share[kept]
+        seen = sweep.behind(taken - middle, motion.lag_ms / 1000)
+        jitter_ms = noise.jitter_ms * rng.normal(size=len(taken))
+        by_scanner = taken + (jitter_ms - motion.delay_ms) / 1000
+        yield noted, sweep.at(noted - middle), by_scanner, seen
+        begin = end + PAUSE_S + BESIDE_S
+
+
 def drive(
     setup: Setup,
     motion: Motion,
@@ -142,21 +163,8 @@ def drive(
     on sweeps, each with its own error of a group: entries of a Scan; and where the
     flange really was, (P, 3, 3), (P, 3). All poses are of the flange in the base.
     """
-    # of each sweep the rows of the log, and the profiles by the scanner's clock
-    begin, legs, count = 2 * BESIDE_S, [], motion.profiles
-    share = (np.arange(count) + 0.5) / count
-    for sweep in sweeps:
-        end, middle = begin + sweep.seconds, begin + sweep.seconds / 2
-        noted = np.arange(begin - BESIDE_S, end + BESIDE_S, 1 / motion.log_hz).round(6)
-        kept = rng.uniform(0, 100, count) >= motion.dropped_percent
-        taken = begin + sweep.seconds * share[kept]
-        seen = sweep.behind(taken - middle, motion.lag_ms / 1000)
-        jitter_ms = noise.jitter_ms * rng.normal(size=len(taken))
-        by_scanner = taken + (jitter_ms - motion.delay_ms) / 1000
-        legs.append((noted, sweep.at(noted - middle), by_scanner, seen))
-        begin = end + PAUSE_S + BESIDE_S
-    # from now on all together, the stops before the sweeps and the log behind them
-    rows, logged, times, seen = zip(*legs, strict=True)
+    rows, logged, times, seen = zip(*legs(sweeps, motion, noise, rng), strict=True)
+    # all together, the stops before the sweeps and the log behind them
     t, still, views = np.concatenate(rows), len(stops), [*stops, *seen]
     group = np.arange(len(views)).repeat([len(T) for _, T in views])
     every = zip(*views, *logged, strict=True)

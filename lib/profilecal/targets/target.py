@@ -91,7 +91,8 @@ class Target:
             raise ValueError(
                 f"the axis of this {self.kind} has length {length.max():g}; expected 1"
             )
-        for name, size in zip(self.size_names, self.sizes, strict=True):
+        for name in self.size_names:
+            size = getattr(self, name)
             if not 0 < size < np.inf:
                 raise ValueError(
                     f"the {name} of this {self.kind} is {size:g}; expected mm above 0"

@@ -44,7 +44,7 @@ MOTIONS = {
     "one axis": ({"axis": Z}, "axis"),
     "two orientations": ({"groups": 2}, "axis"),
     # the disk paper: all D equal
-    "about the target's direction": ({"axis": "target"}, "axis"),
+    "about the target's direction": ({"about_target": True}, "axis"),
 }
 
 
@@ -97,7 +97,7 @@ def test_degenerate_motions_are_flagged_with_the_direction_they_leave_open(kind,
 
 
 @pytest.mark.parametrize(
-    "choices", [{"axis": Z}, {"axis": "target"}, {"groups": 3, "positions": 10}]
+    "choices", [{"axis": Z}, {"about_target": True}, {"groups": 3, "positions": 10}]
 )
 def test_a_single_plane_with_motions_that_leave_its_gauge_free_is_flagged(choices):
     found, _, _ = judged("plane", 32, 100, **choices)
