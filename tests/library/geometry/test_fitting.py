@@ -65,7 +65,7 @@ def textbook_taubin(points):
 def test_noisy_arcs_equal_the_textbook_eigenproblem():
     """Flat ones, too, which noise bends more than the circle does."""
     rng = default_rng(5)
-    for sigma, half in (0.01, 0.9), (0.1, 0.9), (1.0, 0.9), (0.05, 0.06), (0.1, 0.06):
+    for sigma, half in (0.01, 0.9), (1.0, 0.9), (0.05, 0.06), (0.1, 0.06):
         angle = np.pi / 2 + np.linspace(-half, half, 300)
         points = 50 * on_circle(angle) + rng.normal(0, sigma, (300, 2))
         assert_allclose(fit_circle(points), textbook_taubin(points), 1e-7, 1e-6)

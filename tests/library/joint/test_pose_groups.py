@@ -66,7 +66,7 @@ def test_poses_that_a_tree_finds_are_those_that_all_distances_show():
     """At one place, those that point elsewhere are others."""
     rng = default_rng(3)
     repeated = observations().keep(rng.permutation(TWICE))
-    for share, size in ((1, 0.01), (1, 0.03), (1, 0.06), (0, 0)):
+    for share, size in ((1, 0.01), (1, 0.06), (0, 0)):
         error = size * rng.normal(size=repeated.T_flange.shape)
         moved = replace(repeated, T_flange=share * repeated.T_flange + error)
         assert pose_groups([moved]).pose.tolist() == by_all_distances(moved).tolist()

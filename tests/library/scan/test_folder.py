@@ -18,7 +18,7 @@ import profilecal as pc
 from profilecal.joint.prior import TYPICAL, USUAL
 from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.folder import HEADER
-from profilecal.scan.toml import read_toml
+from profilecal.scan.toml import read_toml, toml_text
 
 TRUTH = {
     "seed": 1,
@@ -73,11 +73,10 @@ def test_a_scan_written_is_read_back(folder, mount, convention, measured, kind):
     assert_same(pc.read_scan(folder), start)
 
 
-@pytest.mark.parametrize("truth", [{"a": None}, {"a.b": 1}, {"a": {"b": {"c": 1}}}])
-def test_what_toml_cannot_say_is_not_written(folder, truth):
-    scan = replace(twelve_poses("edge", "points"), truth=truth)
-    with pytest.raises(pc.ScanError, match="cannot be written as TOML"):
-        pc.write_scan(scan, folder)
+@pytest.mark.parametrize("said", [{"a": None}, {"a.b": 1}, {"a": {"b": {"c": 1}}}])
+def test_what_would_be_read_otherwise_is_not_written(said):
+    with pytest.raises(ValueError, match="cannot be written as TOML"):
+        toml_text(said)
 
 
 def in_metres(*columns):
@@ -252,10 +251,9 @@ MISTAKES = {  # by what is said of each
     "line 6: z is empty": poses(
         lambda table: table.assign(z=table.z.where(table.index != 4))
     ),
-    "line 3: x is 'abc'": arcs(text_for_a_number),
+    "line 3: x is 'abc'; expected a finite number": arcs(text_for_a_number),
     "line 2: x is '4_00'": arcs(everywhere(x="4_00")),
     "the least r of arcs is -15": arcs(everywhere(r=-15)),
-    "line 2: x is 'inf'; expected a finite number": arcs(everywhere(x=np.inf)),
     "line 4: no group; expected": poses(everywhere(group=[*"ab", *[None] * 10])),
     "poses.csv.*are the units": poses(in_metres("x", "y", "z")),
     "line 2: z is -32768; expected at most 10000: .*blank": arcs(everywhere(z=-32768)),
@@ -294,6 +292,4 @@ def test_a_folder_with_something_in_it_is_not_overwritten(tmp_path):
         pc.write_scan(scan, tmp_path)
     with pytest.raises(pc.ScanError, match="Not a directory"):
         pc.write_scan(scan, tmp_path / "note.txt")
-    with pytest.raises(pc.ScanError, match="below: Not a directory"):
-        pc.write_scan(scan, tmp_path / "note.txt" / "below")
     assert [path.name for path in tmp_path.iterdir()] == ["note.txt"]

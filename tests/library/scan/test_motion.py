@@ -50,7 +50,6 @@ SCANS = {
     "groups and sides": of_both_sides(in_motion("ball", **STOPS)),
     "times since 1970": since_1970(in_motion()),
     "numpy's names": pc.Scan.of("edge", **MOVED | {"delay_ms": np.int64(30)}),
-    "numpy's length": pc.simulate("ball", radius=np.int64(20))[0],
 }
 
 

@@ -12,14 +12,6 @@ import profilecal as pc
         ('knid = "edge"', "unknown entry 'knid'; there are kind, title"),
         ("groups = 2.5", "groups is 2.5; expected a whole number, 0 to 10000"),
         (
-            "[noise]\nprofile = 1",
-            "unknown entry 'profile' in [noise]; there are profile_mm",
-        ),
-        (
-            "[robot]\njoint_deg = -1",
-            "joint_deg is -1 in [robot]; expected zero, or",
-        ),
-        (
             "[scanner]\nnear = 260\nfar = 40",
             "in [scanner] expected 0 <= near < far, near_width > 0",
         ),

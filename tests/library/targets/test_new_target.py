@@ -159,7 +159,7 @@ def recorded(seed):
     return pc.simulate("groove", seed, depth=9.0, **choices)
 
 
-def test_a_folder_holds_its_profiles_and_its_lengths(tmp_path):
+def test_a_folder_holds_its_profiles_and_its_sizes(tmp_path):
     pc.write_scan(recorded(seed=0)[0], tmp_path)
     scan = pc.read_scan(tmp_path)
     assert scan.sizes_by_name == SIZES
