@@ -393,7 +393,6 @@ PROFILES = {
     "below one another": below,
     "ragged": ragged,
     "stacked": stacked,
-    "cells": cells,
     "point clouds": every("cloud{}.ply", point_cloud),
 }
 

@@ -4,6 +4,7 @@ import re
 from collections import ChainMap, defaultdict
 from collections.abc import Iterator
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,7 @@ from profilecal_tool.importing.scanner_profiles import (
     with_a_point_a_row,
 )
 from profilecal_tool.importing.tool_frames import (
+    check_moves_beside,
     fields_of_flange,
     lines_of_program,
     of_one_tool,
@@ -62,6 +64,7 @@ def import_scan(
         raise ScanError(f"{poses.path}: no poses where {layout.where}")
     moves = [row.get("name") for row in program["uses"]]
     pairing = pair_profiles(poses, [*values.index], moves, layout)
+    check_moves_beside(poses.rows_at(pairing.rows), program)
     if not all(values.index):
         values.index = counted(len(values))
     values = values.iloc[pairing.profiles]
@@ -175,6 +178,12 @@ def which_hold_what(
     # or both are in the same files
     if not of_points and points_of_file(first[pose], layout):
         of_points = [pose]
+    columns = [own for block in first[pose] for own in block.labels.values()]
+    stems = {Path(name).stem for name in of_points}
+    if len(stems) > 1 and stems <= {*chain(*columns)}:
+        every = str(Path(of_points[0]).with_stem("*"))
+        words = f"{folder}: are {listed(of_points)} profiles of the poses called so?"
+        raise Question(words, poses=pose, profiles=every)
     profile = layout.profiles or one_or_ask(
         folder, of_points, "holds the profiles (a pattern takes several)", "profiles"
     )

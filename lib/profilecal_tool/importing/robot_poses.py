@@ -83,7 +83,13 @@ def robot_poses(files: Files, layout: Layout) -> Block:
     if len(files) == 1:
         return replace(first, table=table)
     # a further column of the files' names; where a row stands says the file too
-    name_of = dict(zip(files, names_of(files), strict=True))
+    names = names_of(files)
+    if len(table) > len(files) and len({path.parent for path in files}) > 1:
+        raise ScanError(
+            f"{path.parent.parent}: several poses in each of {listed(names)}; import "
+            "each folder by itself; calibrate takes several scans"
+        )
+    name_of = dict(zip(files, names, strict=True))
     paths = [block.path for block in poses for _ in block.table.index]
     file = Column(-1, "file", "file", "label")
     table[file.at] = [name_of[path] for path in paths]

@@ -11,6 +11,7 @@ from profilecal.scan.conventions import Convention, named, pose_matrices
 from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.blocks import Block, Blocks, label_of
 from profilecal_tool.importing.makers import ROBOTS, WORDS, XYZ
+from profilecal_tool.importing.program_lines import OF_MOVES
 from profilecal_tool.importing.questions import Layout, Question
 from profilecal_tool.importing.robot_poses import Fields, angle_of, length_of
 
@@ -170,6 +171,18 @@ def numbers_of_tool(poses: Block, rows: list[Row], used: str) -> Numbers | None:
             where=f"tool={answer}",
         )
     return None
+
+
+def check_moves_beside(poses: Block, program: Program) -> None:
+    """Raise ScanError where lines move beside one of these poses, and none to it."""
+    names = {kind: {row.get("name") for row in program[kind]} for kind in OF_MOVES}
+    beside = names["moved"] - names["uses"]
+    for name in poses.labels.get("name", []):
+        if name in beside:
+            raise ScanError(
+                f"{poses.path}: moves go beside {name}, such as by an offset, and none "
+                "to it; where were profiles taken? Write those poses"
+            )
 
 
 def convention_of_tool(poses: Block) -> Convention:
