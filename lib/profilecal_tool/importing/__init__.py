@@ -27,7 +27,7 @@ Words, each for one thing:
              the entry is their name, as --entry says it
     label    what tells a pose from others; name, what a profile or a file is called
     form     what a line of a program looks like; its kind is pose, tool, base, uses
-             or moved
+             or beside
     frame    a tool or a base, by its name; numbers, its position and angles
     fields   what a Scan is made of; taken, words on what was taken for granted
 """

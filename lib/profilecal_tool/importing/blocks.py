@@ -59,7 +59,7 @@ class Block:
     table: DataFrame  # the index is where a row stands in the file
     columns: list[Column]  # what the table's columns are, each at its `at`
     robot: str = ""  # the maker whose program it is of
-    kind: str = "pose"  # of lines of a program; or "tool", "base", "uses", "moved"
+    kind: str = "pose"  # of lines of a program; or "tool", "base", "uses", "beside"
     sheet: str = ""  # the name of its sheet, if there are several
     # the columns of a pose or a point in each row, by role; and their name for --entry
     chosen: dict[str, Column] | None = None

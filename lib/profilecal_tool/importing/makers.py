@@ -52,7 +52,7 @@ class Robot:
     tools_in: str = "tool"
     base: Pairs = ()
     uses: Pairs = ()
-    moved: Pairs = ()
+    beside: Pairs = ()
 
 
 def robot_of(row: dict) -> Robot:

@@ -11,7 +11,7 @@ from profilecal_tool.importing.blocks import Block, columns_titled
 from profilecal_tool.importing.makers import ROBOTS
 
 LARGEST_PROGRAM = 2_000_000  # characters; what is longer is a table
-OF_MOVES = {"uses", "moved"}  # kinds of lines that may have a pose in them too
+OF_MOVES = {"uses", "beside"}  # kinds of lines that may have a pose in them too
 WORD = r"[\w$][\w$.\[\]-]*?"  # what stands where $name, $tool or $base does
 CELL = r"[^\s,;:()\[\]{}\"'=]+"  # a number, or ******** in place of one
 SIGNS = {"…": r"[^{};<>\n]*?", "⋮": r"[^{};<>]*?", "^": r"^[ \t]*(?:\d+[ \t]+)??"}
@@ -85,7 +85,7 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
             # what ends it may be of a line that counts
             rest = blanked(rf"(?s){begin}.*?(?={end}|\Z)", rest)
         # poses come last: else a line of a tool would be one of a pose
-        for kind in ("base", "tool", "uses", "moved", "pose"):
+        for kind in ("base", "tool", "uses", "beside", "pose"):
             # a listing of tools is no program: it has no text that programs have
             if robot.has not in text and kind != "tool":
                 continue

@@ -58,50 +58,59 @@ def tools_in_data(blocks: Blocks, poses: Block) -> list[Row]:
 def of_one_frame(
     poses: Block, program: Program, which: str, layout: Layout
 ) -> tuple[Block, str]:
-    """The poses of one frame, and its name: the one that a user says, or else the only
+    """The poses of one frame, and its name: the one that a user wants, or else the only
     one that there is; "" if none is known. `which`: "tool" or "base".
 
     Raises Question where poses have several; ScanError where lines of no pose do, which
     does not matter if a user says the tool's numbers.
     """
     rows = [row for row in program["uses"] if row.get(which)]
-    uses = [(row.get("name", "").lower(), row[which].lower()) for row in rows]
-    column, said = layout.wanted
+    lines = [(row.get("name", "").lower(), row[which].lower()) for row in rows]
+    column, wanted = layout.wanted
     if column == which:
-        uses.append(("", said))
-    of_all = sorted({frame for pose, frame in uses if not pose})
+        lines.append(("", wanted))
+    of_all = sorted({frame for pose, frame in lines if not pose})
     if len(of_all) > 1 and not (which == "tool" and layout.tool):
         raise ScanError(
             f"{poses.path}: no line says which poses are of {which} "
             f"{' or '.join(of_all)}; split it, one per {which}"
         )
     if column == which:
-        return without(poses, {pose for pose, frame in uses if frame != said}), said
-    return poses, only_frame(poses, uses, which)
+        others = {pose for pose, frame in lines if frame != wanted}
+        return without(poses, others), wanted
+    return poses, only_frame(poses, lines, which)
 
 
-def only_frame(poses: Block, uses: list, which: str) -> str:
+def only_frame(poses: Block, lines: list, which: str) -> str:
     """The one frame that lines and columns say; "" if there is none, or if lines say of
-    some poses alone that they have none. `uses`: lines' poses, "" for all, and frames.
+    some poses alone that they have none. `lines`: a pose, "" for all, and its frame.
 
-    Raises Question for several. Its answer is the frame of all, or the one that is used
-    most often: of equals a program's first tool, but in a table the flange.
+    Raises Question for several.
     """
-    columns = [poses.table[column.at] for column in poses.having(which)]
-    frames = [frame for _, frame in uses]
-    frames += [label_of(cell).lower() for cells in columns for cell in cells]
-    names, none = [*dict.fromkeys(frames)], WORDS[f"no_{which}"]
-    lines = dict(uses)
-    of_all = lines.get("")
-    if len(names) > 1:
-        names.sort(key=lambda name: name in none, reverse=not poses.robot)
-        answer = of_all or max(names, key=frames.count)
-        several = f"{poses.path}: moves have {which}s {listed(names)}"
-        raise Question(f"{several}; of which are the poses?", where=f"{which}={answer}")
+    columns = poses.having(which)
+    frames = [frame for _, frame in lines]
+    frames += [label_of(cell).lower() for c in columns for cell in poses.table[c.at]]
+    frame_of = dict(lines)
+    if len({*frames}) > 1:
+        raise question_on_frames(poses, frames, which, frame_of.get(""))
+    only = frames[0] if frames else ""
     labels = {label.lower() for label in poses.labels.get("name", [""])}
-    is_of_each = of_all or columns or labels <= lines.keys()
-    only = names[0] if names else ""
-    return only if is_of_each or only not in none else ""
+    is_of_all = columns or "" in frame_of or labels <= frame_of.keys()
+    return only if is_of_all or only not in WORDS[f"no_{which}"] else ""
+
+
+def question_on_frames(
+    poses: Block, frames: list[str], which: str, of_all: str | None
+) -> Question:
+    """Of which frame the poses are: likely of that of all, or else of the one that is
+    used most often; of equals a program's first tool, but in a table the flange.
+    """
+    names = [*dict.fromkeys(frames)]
+    none = WORDS[f"no_{which}"]
+    names.sort(key=lambda name: name in none, reverse=not poses.robot)
+    answer = of_all or max(names, key=frames.count)
+    several = f"{poses.path}: moves have {which}s {listed(names)}"
+    return Question(f"{several}; of which are the poses?", where=f"{which}={answer}")
 
 
 def without(poses: Block, names: set[str]) -> Block:
@@ -120,50 +129,51 @@ def of_one_tool(
     Raises ScanError; Question.
     """
     poses, base = of_one_frame(poses, program, "base", layout)
-    poses, used = of_one_frame(poses, program, "tool", layout)
+    poses, tool = of_one_frame(poses, program, "tool", layout)
     numbers, words = None, "none; taken for the flange's poses"
     if layout.tool:
         numbers, words = layout.tool, "the one given, taken off"
     else:
-        kind = ROBOTS[poses.robot].tools_in if used and poses.robot else "tool"
+        kind = ROBOTS[poses.robot].tools_in if tool and poses.robot else "tool"
         rows = program[kind] + tools_in_data(blocks, poses)
-        numbers = numbers_of_tool(poses, rows, used)
+        numbers = numbers_of_tool(poses, rows, tool)
         if numbers:
-            words = f"{used or 'one'} at {[*numbers[:3]]}, taken off"
+            words = f"{tool or 'one'} at {[*numbers[:3]]}, taken off"
         if kind == "pose":
-            poses = without(poses, {used})
+            poses = without(poses, {tool})
     if base not in {"", *WORDS["no_base"]}:
         words += f"; in base {base}, not taken off"
-    if program["moved"]:
+    if program["beside"]:
         words += "; moves beside poses, such as offsets, are not read"
     return poses, numbers, words
 
 
-def numbers_of_tool(poses: Block, rows: list[Row], used: str) -> Numbers | None:
-    """The numbers of the tool that poses have, of rows that say them of tools, in the
-    poses' convention; None where there are no tools. Raises Question.
+def numbers_of_tool(poses: Block, rows: list[Row], tool: str) -> Numbers | None:
+    """The numbers of the tool that poses have, by its name, "" if none is known; None
+    where they are the flange's. `rows` say of tools their names and their numbers, in
+    the poses' convention. Raises Question.
     """
-    tools = []  # with a name and numbers
+    found = defaultdict(set)  # numbers, by the name; "" for a tool that is used at once
     with naming(f"{poses.path}: tool"):
         for row in rows:
             numbers = tuple(float(row.get(role, "nan")) for role in poses.chosen)
-            tools.append((row.get("name", "").lower(), numbers))
-    # one that is declared without a name is used at once
-    named_so = [found for name, found in tools if name == used]
-    own = {found for found in named_so if np.isfinite(found).all()}
-    if len(own) == 1:
-        return own.pop()
-    if named_so or used not in {"", *WORDS["no_tool"]}:
-        which = f"tool {used}" if used else "a tool without a name"
+            found[row.get("name", "").lower()].add(numbers)
+    if tool in found or tool not in {"", *WORDS["no_tool"]}:
+        whole = [numbers for numbers in found[tool] if np.isfinite(numbers).all()]
+        if len(whole) == 1:
+            return whole[0]
+        which = f"tool {tool}" if tool else "a tool without a name"
         letters = (*XYZ, *convention_of_tool(poses).columns)
         raise Question(
-            f"{poses.path}: poses are of {which}, of which {len(own)} frames are here; "
-            "where is it on the flange? (X Y Z in mm, angles as poses have)",
+            f"{poses.path}: poses are of {which}, of which {len(whole)} frames are "
+            "here; where is it on the flange? (X Y Z in mm, angles as poses have)",
             tool=[*map(str.upper, letters)],
         )
     # what is at the flange's origin is none
-    declared = sorted({name for name, found in tools if any(found[:3])})
-    if declared and not used:
+    declared = sorted(
+        name for name, every in found.items() if any(any(one[:3]) for one in every)
+    )
+    if declared and not tool:
         answer = declared[0] if len(declared) == 1 else "NAME"
         raise Question(
             f"{poses.path}: tool {' or '.join(declared)} is declared, which no known "
@@ -176,7 +186,7 @@ def numbers_of_tool(poses: Block, rows: list[Row], used: str) -> Numbers | None:
 def check_moves_beside(poses: Block, program: Program) -> None:
     """Raise ScanError where lines move beside one of these poses, and none to it."""
     names = {kind: {row.get("name") for row in program[kind]} for kind in OF_MOVES}
-    beside = names["moved"] - names["uses"]
+    beside = names["beside"] - names["uses"]
     for name in poses.labels.get("name", []):
         if name in beside:
             raise ScanError(

@@ -678,7 +678,7 @@ def test_what_a_user_knows_is_kept_and_pictures_are_passed_over(tmp_path):
 @pytest.mark.parametrize("maker", ROBOTS)
 def test_each_form_of_a_line_takes_its_example(maker):
     robot = ROBOTS[maker]
-    for kind in ("pose", "tool", "base", "uses", "moved"):
+    for kind in ("pose", "tool", "base", "uses", "beside"):
         names, examples = [], []
         for form, example in getattr(robot, kind):
             table, _ = matches_of([form], example)
