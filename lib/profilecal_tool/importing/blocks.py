@@ -86,10 +86,11 @@ class Block:
 
         Raises ScanError.
         """
-        rows, numbers = self.table.index, []
-        for title, at in ((self.title(column), column.at) for column in columns):
-            cells = {title: self.table[at].to_numpy()}
-            numbers.append(Table(self.path, cells, rows).column(title, blank))
+        numbers = []
+        for column in columns:
+            title, cells = self.title(column), self.table[column.at]
+            table = Table(self.path, {title: cells.to_numpy()}, cells.index)
+            numbers.append(table.column(title, blank))
         return np.stack(numbers, axis=1)
 
     def rows_at(self, rows: Any) -> Self:

@@ -4,7 +4,6 @@ import re
 from collections import ChainMap, defaultdict
 from collections.abc import Iterator
 from contextlib import suppress
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -170,40 +169,25 @@ def which_hold_what(
     Raises ScanError; Question where several may.
     """
     first = {n: next(filter(None, f.values()), []) for n, f in families.items()}
-    of_poses, of_points, unclear = patterns_by_content(families, first, layout)
+    asked = [n for n in first if first[n] and n not in (layout.poses, layout.profiles)]
+    asked.sort(key=lambda name: -len(families[name]))
+    of_poses = [n for n in asked if poses_in(first[n], layout.pose_columns)]
+    others = [n for n in asked if n not in of_poses]
+    # those of half as many files are something else, such as a reference
+    most = [n for n in others if 2 * len(families[n]) > len(families[others[0]])]
+    of_points = [n for n in most if points_of_file(first[n], layout)]
+    unclear = [n for n in others if n not in of_points]
     # poses are in the fewest files, and profiles in those that are left
     of_poses = of_poses or unclear[::-1]
     pose = layout.poses or one_or_ask(folder, of_poses, "holds the poses", "poses")
-    of_points = of_points or [pattern for pattern in unclear if pattern != pose]
+    of_points = of_points or [n for n in unclear if n != pose]
     # or both are in the same files
     if not of_points and points_of_file(first[pose], layout):
         of_points = [pose]
-    columns = [own for block in first[pose] for own in block.labels.values()]
-    stems = {Path(name).stem for name in of_points}
-    if len(stems) > 1 and stems <= {*chain(*columns)}:
-        every = str(Path(of_points[0]).with_stem("*"))
-        words = f"{folder}: are {listed(of_points)} profiles of the poses called so?"
-        raise Question(words, poses=pose, profiles=every)
     profile = layout.profiles or one_or_ask(
         folder, of_points, "holds the profiles (a pattern takes several)", "profiles"
     )
     return pose, profile
-
-
-def patterns_by_content(families: Families, first: dict, layout: Layout) -> tuple:
-    """The patterns that no one has said, of most files first, by the blocks of their
-    first files: those of poses, those of points, and those without titles that tell.
-
-    Raises Question.
-    """
-    free = [n for n in first if first[n] and n not in (layout.poses, layout.profiles)]
-    free.sort(key=lambda name: -len(families[name]))
-    of_poses = [n for n in free if poses_in(first[n], layout.pose_columns)]
-    others = [n for n in free if n not in of_poses]
-    # those of half as many files are something else, such as a reference
-    most = [n for n in others if 2 * len(families[n]) > len(families[others[0]])]
-    of_points = [n for n in most if points_of_file(first[n], layout)]
-    return of_poses, of_points, [n for n in others if n not in of_points]
 
 
 def points_or_profiles(values: Series) -> tuple[Fields, str]:

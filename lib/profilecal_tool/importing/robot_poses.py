@@ -141,30 +141,22 @@ def question_on_file(path: Path, blocks: Blocks, said: str) -> ScanError:
 
 def likely_pose(block: Block) -> list[tuple]:
     """What columns of numbers likely are: three of a position, or of no known role, and
-    behind them an orientation, or before them a quaternion.
+    behind them W, P, R or, of unit length, a quaternion, which may stand before them.
     """
     numeric = block.table.apply(to_numeric, errors="coerce").dropna(axis=1, how="all")
-    unknown = {"", *OF_POSES}
-    own = [c for c in block.columns if c.at in numeric and c.role in unknown]
-    own = [column for column in own if not is_of_other(column.name)]
-    for position, turn in ((own[:3], own[3:]), (own[4:], own[:4])):
-        roles, unit = likely_turn(turn, numeric[[column.at for column in turn]])
+    columns = [c for c in block.columns if c.at in numeric and not is_of_other(c.name)]
+    columns = [column for column in columns if column.role in {"", *OF_POSES}]
+    for position, turn in ((columns[:3], columns[3:]), (columns[4:], columns[:4])):
+        numbers = numeric[[column.at for column in turn]].to_numpy()
+        is_unit = np.allclose(np.linalg.norm(numbers, axis=1), 1, atol=0.01)
+        roles, unit = (), ""
+        if len(turn) == 3:
+            roles, unit = FANUC, likely_angle(numbers)
+        elif len(turn) == 4 and is_unit:
+            roles = OF_ABB if turn[0].name.endswith(("0", "1")) else OF_LIBRARIES
         if roles and [c.role for c in position] in ([*XYZ], 3 * [""]):
             return [(position, XYZ, ""), (turn, roles, unit)]
     return []
-
-
-def likely_turn(columns: list[Column], numbers: DataFrame) -> tuple:
-    """The roles of columns of an orientation, and their unit: three are likely W, P, R,
-    and four of unit length a quaternion. None for others.
-    """
-    if len(columns) == 3:
-        return FANUC, likely_angle(numbers.to_numpy())
-    is_unit = np.allclose(np.linalg.norm(numbers, axis=1), 1, atol=0.01)
-    if len(columns) == 4 and is_unit:
-        is_first = columns[0].name.endswith(("0", "1"))
-        return OF_ABB if is_first else OF_LIBRARIES, ""
-    return (), ""
 
 
 def question_on_columns(block: Block, sentence: str, *likely: tuple) -> ScanError:
