@@ -116,29 +116,28 @@ class Block:
         unknown ones whose values all differ.
         """
         unknown = [c for c in self.having("") if self.table[c.at].is_unique]
-        free = [*self.having("label"), *unknown]
-        return {self.title(c): [*map(label_of, self.table[c.at])] for c in free}
+        columns = [*self.having("label"), *unknown]
+        return {self.title(c): [*map(label_of, self.table[c.at])] for c in columns}
 
     @cached_property
     def poses(self) -> dict[str, Self]:
         """The poses of its rows, by their entries: a position, and angles of the same
-        owner, or else of one that has no position; one for each convention.
+        owner, or else of owners without a position; one for each convention.
         """
         if self.kind != "pose":
             return {}
-        owned, poses = defaultdict(dict), {}
-        for column in self.columns:
-            owned[column.owner].setdefault(column.role, column)
-        placed = {who: own for who, own in owned.items() if own.keys() >= {*XYZ}}
-        # as among those of an owner, the first of a role counts
-        free = {c.role: c for c in self.columns[::-1] if c.owner not in placed}
-        for owner, own in placed.items():
-            columns = free | own
-            turns = conventions_in(own) or conventions_in(columns)
+        by_owner, poses = defaultdict(dict), {}
+        for column in self.columns:  # the first of a role counts
+            by_owner[column.owner].setdefault(column.role, column)
+        placed = {who: of for who, of in by_owner.items() if of.keys() >= {*XYZ}}
+        others = {c.role: c for c in self.columns[::-1] if c.owner not in placed}
+        for owner, columns in placed.items():
+            turns = conventions_in(columns) or conventions_in(others | columns)
             for turn in turns:
                 names = [self.robot, owner, turn.name if len(turns) > 1 else ""]
                 entry = " ".join(filter(None, names))
-                chosen = {role: columns[role] for role in (*XYZ, *turn.columns)}
+                roles = *XYZ, *turn.columns
+                chosen = {role: (others | columns)[role] for role in roles}
                 poses[entry] = replace(self, chosen=chosen, entry=entry)
         return poses
 
@@ -157,23 +156,22 @@ Blocks = list[Block]
 Files = dict[Path, Blocks]  # the blocks in each file
 
 
-def blocks_of_entry(blocks: Blocks, said: str, liked: str, what: str) -> Blocks:
-    """The blocks of one entry: the one that a user says, or else of the robot, and with
-    a word that is liked, such as flange. Raises Question for several.
+def blocks_of_entry(blocks: Blocks, wanted: str, liked: str, what: str) -> Blocks:
+    """The blocks of one entry: the one that a user wants, or else of the robot, and
+    with a word that is liked, such as flange. Raises Question for several.
     """
 
-    def fit(entry: str) -> tuple:
-        """How well an entry fits; what counts most stands first. The one said may be of
-        other files; then it decides nothing here. If none is said, one without a name
-        comes before all others.
+    def fits(entry: str) -> tuple[bool, ...]:
+        """Whether an entry is liked, by what counts most first. All are where nothing
+        is wanted, or what other files have; and an entry that has no name is the one.
         """
-        text, wish = entry.lower(), said.lower()
-        is_liked = liked in text and text not in WORDS["tool"]
-        return wish in text, wish == text, not is_of_other(text), is_liked
+        name, wish = entry.lower(), wanted.lower()
+        is_liked = liked in name and name not in WORDS["tool"]
+        return wish in name, wish == name, not is_of_other(name), is_liked
 
     entries = [*dict.fromkeys(block.entry for block in blocks)]
-    best = max(map(fit, entries))
-    entries = [entry for entry in entries if fit(entry) == best]
+    best = max(map(fits, entries))
+    entries = [entry for entry in entries if fits(entry) == best]
     entry = one_or_ask(blocks[0].path, entries, what, "entry")
     return [block for block in blocks if block.entry == entry]
 

@@ -4,6 +4,7 @@ import re
 from collections import ChainMap, defaultdict
 from collections.abc import Iterator
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -87,10 +88,10 @@ def read_folder(folder: Path, layout: Layout) -> tuple[Block, Series, Blocks, Ta
     families = families_in(folder, layout)
     of_poses, of_profiles = map(families.get, which_hold_what(folder, families, layout))
     files = ChainMap(*families.values())
-    blocks = [block for own in files.values() for block in own]
+    blocks = [*chain(*files.values())]
     check_wanted(folder, blocks, layout)
-    used = {*of_poses, *of_profiles, *(block.path for block in blocks if block.robot)}
-    left_out = listed(sorted(path.name for path in files.keys() - used)) or "none"
+    read = {*of_poses, *of_profiles, *(block.path for block in blocks if block.robot)}
+    left_out = listed(sorted(path.name for path in files.keys() - read)) or "none"
     poses = robot_poses(of_poses, layout)
     rows = len(poses.table)
     is_both = of_poses.keys() == of_profiles.keys()
@@ -98,9 +99,9 @@ def read_folder(folder: Path, layout: Layout) -> tuple[Block, Series, Blocks, Ta
     counts = [*map(len, values)]
     if is_both and sum(counts) == rows:  # the pose of each profile's first row
         poses = poses.rows_at(np.cumsum([0, *counts[:-1]]))
-    known = f"{poses.entry} {values.name}".strip()
-    if layout.entry.lower() not in known.lower():
-        raise ScanError(f"{folder}: no entry {layout.entry}; those read are {known}")
+    entries = f"{poses.entry} {values.name}".strip()
+    if layout.entry.lower() not in entries.lower():
+        raise ScanError(f"{folder}: no entry {layout.entry}; those read are {entries}")
     return poses, values, blocks, {"files left out": left_out} | taken
 
 

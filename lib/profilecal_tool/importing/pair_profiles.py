@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
-from pandas import to_numeric
+from pandas import Series, to_numeric
 from pandas.api.types import is_numeric_dtype
 
 from profilecal.scan.tables import ScanError, cell_number, listed
@@ -52,12 +52,12 @@ def pair_profiles(poses: Block, names: Names, moves: Names, layout: Layout) -> P
         # profiles are called by their times
         names = [f"{start + k / rate:.6f}" for k in range(len(names))]
     labels = next(iter(poses.labels.values()), [])  # a program's only ones are names
-    used = [labels.index(name) for name in dict.fromkeys(moves) if name in labels]
+    in_program = [labels.index(n) for n in dict.fromkeys(moves) if n in labels]
     found = None if layout.times else paired_by_label(poses, names)
     times = None if found else times_of(poses, names, layout)
     if times and len(times.log) > 1:
         found = paired_by_time(poses, times)
-    found = found or paired_in_order(poses, used, names, times, layout)
+    found = found or paired_in_order(poses, in_program, names, times, layout)
     if found.times:
         return found
     served, how = {*found.rows}, found.how
@@ -73,13 +73,18 @@ def pair_profiles(poses: Block, names: Names, moves: Names, layout: Layout) -> P
 
 
 def paired_in_order(
-    poses: Block, used: list[int], names: Names, times: Times | None, layout: Layout
+    poses: Block,
+    in_program: list[int],
+    names: Names,
+    times: Times | None,
+    layout: Layout,
 ) -> Pairing:
-    """The poses as lines use them, or as they are listed. Raises ScanError where
-    there are not as many profiles, where times are said, which then no pose has, or
-    where numbers or times, if by another clock, say another order.
+    """The poses as a program's lines use them, or as they are listed.
+
+    Raises ScanError where there are not as many profiles, where times are said, which
+    then no pose has, or where numbers say another order, or times of another clock.
     """
-    rows = np.array(used or range(len(poses.table)))
+    rows = np.array(in_program or range(len(poses.table)))
     if layout.times or len(names) != len(rows):
         counts = f"{len(names)} profiles for {len(rows)} poses"
         raise ScanError(
@@ -88,12 +93,12 @@ def paired_in_order(
         )
     for column in poses.having("label", "time"):
         numbers = to_numeric(poses.table[column.at], errors="coerce").dropna()
-        if not used and not numbers.is_monotonic_increasing:
+        if not in_program and not numbers.is_monotonic_increasing:
             raise ScanError(
                 f"{poses.path}: {poses.title(column)} goes up and down, and profiles "
                 "have no such number; sort the rows, or name files"
             )
-    how = "in order of the lines that use them" if used else "in order"
+    how = "in order of the lines that use them" if in_program else "in order"
     if times:
         both = times.log[rows], times.profiles
         of_poses, of_profiles = (np.argsort(t, kind="stable") for t in both)
@@ -110,9 +115,9 @@ class Match(NamedTuple):
     """Which poses have the labels that profiles have."""
 
     rank: tuple  # whether by names or several numbers; how many it serves
-    rows: ndarray  # (P,) -1: none
+    rows: ndarray  # of the poses; (P,) of each profile, -1: none
     how: str
-    keys: list  # of the poses
+    keys: list  # what is compared, of the poses
     title: str  # of the column
 
 
@@ -123,29 +128,31 @@ def paired_by_label(poses: Block, names: Names) -> Pairing | None:
     Raises ScanError where another column says otherwise of a profile, and where a label
     stands twice.
     """
-    matches = []
-    for title, labels in poses.labels.items():
-        for is_whole, what, keys, sought in ways_to_compare(labels, names):
-            row_of = {key: row for row, key in enumerate(keys)}
-            rows = np.array([row_of.get(key, -1) for key in sought])
-            share = min((rows >= 0).mean(), len({*rows} - {-1}) / len(row_of))
-            if share > 0.5:
-                how = f"by {title} and the {what}"
-                matches.append(Match((is_whole, share), rows, how, keys, title))
+    matches = [match for match in matches_of(poses, names) if match.rank[1] > 0.5]
     if not matches:
         return None
     best = max(matches, key=lambda match: match.rank)
     check_others(poses, names, best, matches)
-    first_of = {key: row for row, key in reversed([*enumerate(best.keys)])}
+    is_again = Series(best.keys).duplicated().to_numpy()
     for name, row in zip(names, best.rows, strict=True):
-        first = first_of[best.keys[row]]
-        if first < row:  # of poses that are called alike, a row is the last
-            one, other = poses.table.index[[first, row]]
+        if row >= 0 and is_again[row]:
+            one, other = poses.table.index[[best.keys.index(best.keys[row]), row]]
             raise ScanError(
                 f"{poses.path} lines {one} and {other}: two poses of profile {name}; "
                 "leave one out"
             )
     return Pairing(best.rows, best.how)
+
+
+def matches_of(poses: Block, names: Names) -> Iterator[Match]:
+    """The ways to compare each column of labels with the names of profiles."""
+    for title, labels in poses.labels.items():
+        for is_whole, what, keys, sought in ways_to_compare(labels, names):
+            row_of = {key: row for row, key in enumerate(keys)}  # the last called so
+            rows = np.array([row_of.get(key, -1) for key in sought])
+            share = min((rows >= 0).mean(), len({*rows} - {-1}) / len(row_of))
+            how = f"by {title} and the {what}"
+            yield Match((is_whole, share), rows, how, keys, title)
 
 
 def check_others(poses: Block, names: Names, best: Match, matches: list[Match]) -> None:

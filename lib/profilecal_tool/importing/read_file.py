@@ -230,15 +230,16 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         for digit in "0123456789":  # 10 times faster than an expression
             content = content.replace(f",{digit}".encode(), f".{digit}".encode())
     stream = BytesIO(content)
-    above, end_above = [], 0  # titles above, and the end of the last table under them
+    above, end_above = [], 0  # titles above, and the end of the table that has them
     for begin, end, offset in runs_of_lines(path, content, between):
         stream.seek(offset)
-        rows = cells_of(islice(stream, min(end - begin, HEAD)), between)
-        first = row_where_numbers_begin(rows)
-        if first == len(rows):
+        head = cells_of(islice(stream, min(end - begin, HEAD)), between)
+        first = row_where_numbers_begin(head)
+        if first == len(head):
             continue
-        count = len(rows[0])
-        titles = titles_in(rows[:first]) or (above if count == len(above) else [])
+        count, titles = len(head[0]), titles_in(head[:first])
+        if not titles and count == len(above):
+            titles = above
         if titles:
             above, end_above = titles, end
         elif above and (begin == end_above or count == len(above) - 1):  # one is lost
@@ -247,12 +248,12 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
                 "above (--poses and --profiles say which files to read)"
             )
         titles = titles or counted(count)
-        named = [k for k, t in enumerate(titles) if column_titled(k, t).role == "label"]
+        texts = [k for k, t in enumerate(titles) if column_titled(k, t).role == "label"]
         stream.seek(offset)
         table = read_csv(
             stream,
             names=range(count),
-            dtype=dict.fromkeys(named, str),  # text, for 1.10 is not 1.1
+            dtype=dict.fromkeys(texts, str),  # text, for 1.10 is not 1.1
             skiprows=first,
             nrows=end - begin - first,
             sep=mark or r"\s+",
