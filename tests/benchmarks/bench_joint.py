@@ -60,7 +60,7 @@ def scan_row(name: str, kind: str, measured: str, most: float) -> dict:
 
     Aimed at are 10 times as long for edge points, 6 for ball arcs, 4 for profiles. Of
     the 25 ms for edge points, of which the other takes 2.3, half goes to the errors'
-    sizes: Newton's method to the likeliest, and 78 sets of sizes to average over, those
+    sizes: Newton's method to the likeliest, and 48 sets of sizes to average over, those
     of a robot whose errors are smooth alone among them. The search without a guess
     takes a sixth, from 12 rotations at once; a ball's search has 60. The linear models
     with their derivatives, and the tests, take a quarter. For 60 poses nearly all of it

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 from scipy.optimize import brentq
-from scipy.special import chdtrc, gammaln, ndtri, softmax
+from scipy.special import chdtrc, gammaln, ndtri, softmax, stdtrit
 
 from profilecal.geometry.noise import FALSE_ALARM, SMOOTH, chi2_limit, in_mm
 from profilecal.joint.linear_model import LinearModel, Posterior
@@ -36,8 +36,10 @@ SMOOTH_ALONE = 0.1  # odds that the robot's errors are smooth in the pose alone
 POOR = 0.1
 POORER = 10.0
 LITTLE_ODDS = 0.01  # odds that a belief needs to count
-DRAWS = 32  # sizes looked at
-TAILS = 4.0  # degrees of freedom of the t law that they are drawn from
+DRAWS = 24  # sizes looked at
+TAILS = 8.0  # degrees of freedom of the t law that each coordinate is drawn from
+# irrational steps from draw to draw, along all axes but the first
+STRIDES = np.sqrt([3, 5, 7, 11, 13, 17, 19, 23])
 # coordinates of a normal law, one for each fortieth
 NORMAL = ndtri((np.arange(40) + 0.5) / 40)
 START_SIZES = np.linspace(-2.5, 1.5, 6)  # where the search of the likeliest begins
@@ -164,7 +166,7 @@ def draw(
     Importance sampling of the density exp h(y) of the coordinates (`likeliest`), in d
     dimensions. Draws are
 
-        y = ŷ + R (s ∘ z),    z ~ t law of ν degrees of freedom
+        y = ŷ + R (s ∘ z),    z_i ~ t law of ν degrees of freedom
 
     about the likeliest coordinates ŷ, R the `root`. Along each column R_i the draws
     have, in either direction, the width that the density one standard deviation off
@@ -176,8 +178,8 @@ def draw(
     and s_i is one of them by the sign of z_i. The draws have the density, over
     (2π)^(-d/2) as the prior's in h,
 
-        q(y) = Γ((ν + d)/2) / (Γ(ν/2) (ν/2)^(d/2)) (1 + zᵀz/ν)^(-(ν + d)/2)
-               / (Π s_i |det R|)
+        q(y) = Π (2/ν)^(1/2) Γ((ν + 1)/2) / Γ(ν/2) (1 + z_i²/ν)^(-(ν + 1)/2) / s_i
+               / |det R|
 
     and of S draws each has the weight w = exp h(y) / (q(y) S). The weights add up to
     the evidence of the model, by which models are compared.
@@ -194,9 +196,9 @@ def draw(
     s = np.where(z > 0, forward, backward)
     y = likely.y + s * z @ root.T
     posterior = model.posterior(law.variances(y))
-    log_q = gammaln((TAILS + d) / 2) - gammaln(TAILS / 2) - d / 2 * np.log(TAILS / 2)
-    log_q = log_q - (TAILS + d) / 2 * np.log1p(np.sum(z**2, axis=1) / TAILS)
-    log_q = log_q - np.log(s).sum(axis=1) - np.linalg.slogdet(root)[1]
+    t_peak = gammaln((TAILS + 1) / 2) - gammaln(TAILS / 2) - np.log(TAILS / 2) / 2
+    log_t = t_peak - (TAILS + 1) / 2 * np.log1p(z**2 / TAILS)
+    log_q = np.sum(log_t - np.log(s), axis=1) - np.linalg.slogdet(root)[1]
     return log_density(posterior, y) - log_q - np.log(count), y, posterior
 
 
@@ -207,16 +209,14 @@ def log_density(posterior: Posterior, y: ndarray) -> ndarray:
 
 @cache
 def t_points(d: int, count: int) -> ndarray:
-    """Points (count, d) of a t law, evenly spread.
+    """Points (count, d) of a t law along each axis, evenly spread.
 
-    In the unit cube of d + 1 dimensions they are multiples of the powers of a
-    generalised golden ratio (Roberts 2018), as many on either side of the middle. The
-    first d coordinates become normal; the last one becomes the χ² that they share.
+    In the unit cube they are as many on either side of the middle, in even steps along
+    the first axis and in STRIDES, modulo one, along the others (Richtmyer 1951).
     """
-    ratio = brentq(lambda x: x ** (d + 2) - x - 1, 1, 2)
-    numbers = np.arange(count)[:, None] - (count - 1) / 2
-    points = (0.5 + numbers * ratio ** -np.arange(1.0, d + 2)) % 1
-    return ndtri(points[:, :d]) * np.sqrt(TAILS / chi2_limit(points[:, d:], TAILS))
+    numbers = np.arange(count) - (count - 1) / 2
+    points = (0.5 + np.outer(numbers, [1 / count, *STRIDES])) % 1
+    return stdtrit(TAILS, points[:, :d])
 
 
 @dataclass(frozen=True)

@@ -107,15 +107,15 @@ class SmoothErrors:
         their columns among A's (`Problem.model`).
         """
         weights = np.repeat([1.0, VIEW_MM], 3)[:, None]
-        products = np.zeros((12 + self.count,) * 2)
+        products = np.zeros((12, 12 + self.count))
         numbers = np.flatnonzero(kept)
         for part in parts_of(len(numbers), SIZE):
             some = numbers[part]
             motions = np.concatenate(self.motions(some), axis=2)
             of_view = weights * shifting(self.arms(some) + self.seen) @ motions
-            flat = of_view.reshape(-1, len(products))
-            products += flat.T @ flat
-        rigid, across = products[:12, :12], products[:12, 12:]
+            flat = of_view.reshape(-1, 12 + self.count)
+            products += flat[:, :12].T @ flat
+        rigid, across = products[:, :12], products[:, 12:]
         units = np.diag(rigid)[:, None] ** -0.5
         steps = np.linalg.lstsq(units * rigid * units.T, units * across, 1e-12)[0]
         return replace(self, steps=units * steps)

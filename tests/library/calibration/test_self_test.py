@@ -45,7 +45,7 @@ def test_patterns_of_scans_as_the_model_has_them_are_standard_normal(kind):
 # a plane of 20 poses hardly shows a scale
 @pytest.mark.parametrize("kind", ["edge", "plane"])
 def test_a_fault_that_the_model_does_not_have_is_named(kind):
-    scan = scan_of(kind, seed=3, noise=ERRING, **PLANS[kind])
+    scan = scan_of(kind, seed=2, noise=ERRING, **PLANS[kind])
     scaled = replace(scan, p_base_flange=1.01 * scan.p_base_flange, noise={})
     found = pc.calibrate(scaled)
     test = pc.self_test(found, 10)
