@@ -26,12 +26,13 @@ WEAK = 0.1  # of the measurement by hand
 LEAST_TURN_DEG = 1.0  # flange orientations that differ by less are taken for one
 HAND_PRECISION = np.repeat([10.0, np.radians(5.0)], 3)  # mm and rad
 NO_RANK = 1e-10  # of the largest eigenvalue of the information
-MOVES = 1e-4  # of a direction of length one: as a part of the sensor's, no rounding
+MOVES = 1e-4  # the sensor's part of a direction of length one: less is rounding
 OPEN = 10.0  # of the measurement by hand: a size that is no longer told
 ENOUGH_TURN_DEG = 10.0  # about the axes beside the main one
 ALONG = np.cos(np.radians(15))  # of a unit vector along an axis
 MATTERS = 0.2  # of the square of a direction: a part that is told
-# of three directions together: those with less are shifts, as near as 10° off each
+# the turns of three directions together: where they are less, all three are shifts,
+# to about 10°
 LITTLE_TURN = 0.3
 
 
