@@ -172,7 +172,7 @@ def sizes_by(checked: Verification) -> Lines:
     """What the pose makes of the target in another scan."""
     (scan,) = checked.other.scans
     for name, mm in checked.sizes.items():
-        yield name, f"{mm:.3f} mm by the pose, {scan.sizes_by_name[name]:g} given"
+        yield name, f"{mm:.3f} mm by the pose, {scan.sizes[name]:g} given"
     rms = f"{checked.rms_mm:.3g} mm rms"
     yield "residuals", f"{rms} from a {scan.target.shape}, by the pose"
 

@@ -74,7 +74,7 @@ def test_arrays_and_a_folder_give_the_same_answer_to_the_last_digit(kind):
         noise=dict(from_folder.noise),
         labels=from_folder.labels,
         title=from_folder.title,
-        **from_folder.sizes_by_name,
+        **from_folder.sizes,
     )
     assert from_arrays.convention == "quaternion"  # as which poses are written
     found = [pc.calibrate(scan).to_json() for scan in (from_folder, from_arrays)]
@@ -162,7 +162,7 @@ def test_numbers_of_numpy_are_numbers():
         noise={"profile_mm": np.float32(0.05)},
         labels=range(len(scan.labels)),
     )
-    assert again.sizes_by_name == {"radius": 25.0}
+    assert again.sizes == {"radius": 25.0}
     assert again.labels[:2] == ("0", "1")
 
 

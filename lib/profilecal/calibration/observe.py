@@ -90,14 +90,14 @@ def from_profiles(scan: Scan, others: Sequence[Scan]) -> Seen:
     A few do not tell where the field of view ends: they are looked at beside those of
     other scans of such a target too, and what finds more counts.
     """
-    features = scan.target.find(scan.values, *scan.sizes)
+    features = scan.target.find(scan.values, *scan.sizes.values())
     if len(features) < FEW:
         about = scan.measured, scan.description
         values = [*scan.values]
         for one in others:
             if one is not scan and (one.measured, one.description) == about:
                 values += one.values
-        beside = scan.target.find(values, *scan.sizes)[: len(features)]
+        beside = scan.target.find(values, *scan.sizes.values())[: len(features)]
         features = max(
             features, beside, key=lambda each: sum(one.found for one in each)
         )
@@ -189,7 +189,7 @@ def as_observations(scan: Scan, seen: Seen, reference_mm: float = 0.0) -> Observ
         R_flange=R[None],
         T_flange=T[None],
         points=seen.points[None],
-        sizes=scan.sizes,
+        sizes=tuple(scan.sizes.values()),
         group=scan.group[seen.poses],
         eye_to_hand=scan.mount == "eye-to-hand",
         covariance=covariance,

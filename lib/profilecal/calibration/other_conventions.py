@@ -115,7 +115,7 @@ def readings(
         yield words, posed(rotation.as_matrix(), p)
     if scan.sizes:
         fitting = with_best_lengths(observed)
-        pairs = zip(scan.target.size_names, fitting.sizes, strict=True)
+        pairs = zip(scan.sizes, fitting.sizes, strict=True)
         words = " and ".join(f"a {name} of {mm:.3g} mm" for name, mm in pairs)
         yield words, fitting
 

@@ -186,7 +186,7 @@ def verify(
             stated,
             solution.covariance,
             alone,
-            sizes=dict(zip(other.sizes_by_name, map(float, target.sizes), strict=True)),
+            sizes=dict(zip(other.sizes, map(float, target.sizes), strict=True)),
             rms_mm=float(np.sqrt(np.mean(target.distance(points) ** 2))),
         )
     if not len(checked.apart):

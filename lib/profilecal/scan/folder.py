@@ -174,7 +174,7 @@ def check_header(path: Path, said: Entries) -> tuple[Entries, float]:
     entries = {
         "kind": target["kind"],
         # 20.3 mm of 0.0203 m, not 20.299999999999997
-        "sizes": tuple(round(scale * target[name], 9) for name in sizes),
+        "sizes": {name: round(scale * target[name], 9) for name in sizes},
         "mount": Scan.mount,
         "side": target.get("side", 0),
         "delay_ms": said.get("motion", {}).get("delay_ms"),
@@ -351,7 +351,7 @@ def header_of(source: Any, title: str, noise: Mapping) -> Entries:
         "title": title,
         "units": "mm",
         "mount": source.mount,
-        "target": {"kind": source.kind} | source.sizes_by_name,
+        "target": {"kind": source.kind} | source.sizes,
         "noise": dict(noise),
     }
 

@@ -92,7 +92,7 @@ class Scan:
     measured: str  # one of MEASURED
     # P arrays (n, columns), mm; n is 1 but for profiles. A row of NaN: nothing was seen
     values: tuple[ndarray, ...]
-    sizes: tuple[float, ...] = ()  # the target's, mm
+    sizes: Mapping[str, float] = field(default_factory=dict)  # the target's, mm
     side: Any = 0  # (P,) 1, -1 or, where it is not known, 0
     # (P,) numbers from 0: poses of one orientation, and a sweep, share one
     group: Any = None
@@ -215,8 +215,6 @@ class Scan:
         >>> scan.p_base_flange[1].round(3)
         array([400.,  22., 300.])
         """
-        rules = size_rules(kind)
-        check_entries("sizes of Scan.of", dict.fromkeys(rules) | sizes, rules)
         given = {"profiles": profiles, "points": points, "chords": chords, "arcs": arcs}
         moved = {"log": log, "times": times, "sweeps": sweeps, "delay_ms": delay_ms}
         way = None
@@ -239,7 +237,7 @@ class Scan:
                 p_base_flange=T[:, :3, 3],
                 measured=measured,
                 values=rows_by_pose(measured, given[measured]),
-                sizes=tuple(sizes[name] for name in rules),
+                sizes=sizes,
                 side=side,
                 group=group,
                 group_given=group is not None,
@@ -258,19 +256,16 @@ class Scan:
         with naming("Scan"):
             check_entries("Scan", {n: own[n] for n in ENTRY_RULES}, ENTRY_RULES)
             named(self.convention)
+            rules = size_rules(self.kind)
+            sizes = dict.fromkeys(rules) | dict(self.sizes)
+            check_entries("sizes of Scan", sizes, rules)
+            own["sizes"] = {name: float(mm) for name, mm in sizes.items()}
             measured, target = self.measured, self.target
             if measured not in target.tables:
                 raise ValueError(
                     f"a target of kind {self.kind!r} needs "
                     f"{' or '.join(target.tables)}, not {measured}"
                 )
-            if len(self.sizes) != len(target.size_names):
-                raise ValueError(
-                    f"sizes is {self.sizes}; "
-                    f"expected {len(target.size_names)} sizes in mm"
-                )
-            check_entries("Scan", self.sizes_by_name, size_rules(self.kind))
-            own["sizes"] = tuple(map(float, self.sizes))
             own["noise"] = {name: float(sd) for name, sd in self.noise.items()}
             if self.guess is not None:
                 own["guess"] = rigid("guess", [self.guess])[0]
@@ -435,14 +430,9 @@ class Scan:
         return TARGETS[self.kind]
 
     @property
-    def sizes_by_name(self) -> dict[str, float]:
-        """The target's sizes, mm."""
-        return dict(zip(self.target.size_names, self.sizes, strict=True))
-
-    @property
     def description(self) -> str:
         """The target in words."""
-        return described(self.kind, self.sizes)
+        return described(self.kind, [*self.sizes.values()])
 
     def base_flange(self, poses: ndarray) -> Frames:
         """Some poses (k,) as the calibration takes them: rotations (k, 3, 3) and

@@ -71,12 +71,10 @@ class Spec:
         """Whether the scanner is fixed, and the target on the flange."""
         return self.mount == "eye-to-hand"
 
-    @property
-    def sizes_by_name(self) -> dict[str, float]:
-        """The target's sizes, mm."""
+    def __post_init__(self) -> None:
         target = TARGETS[self.kind]
         usual = zip(target.size_names, target.usual_sizes, strict=True)
-        return dict(usual) | self.sizes
+        vars(self)["sizes"] = dict(usual) | self.sizes
 
     def scene(self, rng: Generator) -> Scene:
         """The target, and poses that see it."""
@@ -85,7 +83,7 @@ class Spec:
             rng,
             groups=self.groups,
             positions=self.positions,
-            sizes=tuple(self.sizes_by_name.values()),
+            sizes=tuple(self.sizes.values()),
             spread_deg=self.spread_deg,
             steering_mm=self.noise.steering_mm,
         )
@@ -309,7 +307,7 @@ def scan_from(
         kind=target.kind,
         measured=measured,
         values=tuple(values),
-        sizes=target.sizes,
+        sizes=spec.sizes,
         # unknown in motion
         side=target.sides(*planes) * np.isnan(said.get("times", np.nan)),
         noise={name: sd for name, sd in vars(noise).items() if sd},

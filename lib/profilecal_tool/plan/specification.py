@@ -137,7 +137,7 @@ class PlannedSpec(Spec):
             raise ScanError(
                 "a plan needs [guess]: roughly where sensor (mount) and target are"
             )
-        return self.guess.setup(self.kind, tuple(self.sizes_by_name.values()), rng)
+        return self.guess.setup(self.kind, tuple(self.sizes.values()), rng)
 
     def scene(self, rng: Generator) -> Scene:
         """What is seen from the planned poses of a target that is not quite where it

@@ -163,7 +163,7 @@ def plot_profiles(
     """
     if scan.measured != "profiles":
         return
-    features = scan.target.find(scan.values, *scan.sizes)
+    features = scan.target.find(scan.values, *scan.sizes.values())
     step = -(-len(features) // most)
     words = f" (one in {step} is drawn)" if step > 1 else ""
     drawn = range(0, len(features), step)

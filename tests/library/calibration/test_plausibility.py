@@ -81,7 +81,7 @@ WRONG = [
 )
 def test_a_wrong_radius_is_answered_by_the_one_that_fits(kind, wrong, right):
     scan = scan_of(kind, seed=3, groups=8, positions=3, radius=right)
-    scan = replace(scan, sizes=(wrong,))
+    scan = replace(scan, sizes={"radius": wrong})
     (said,) = better_readings(scan, observe(scan))
     (radius,) = re.findall(r"^with a radius of ([\d.]+) mm", said)
     assert float(radius) == pytest.approx(right, abs=0.2)
@@ -126,7 +126,7 @@ def test_a_robot_a_scanner_and_a_target_as_they_may_be_are_allowed_for(kind):
     """
     example = example_of(kind)
     scan = deformed([[1.001, 0], [0.001, 0.999]])(example)
-    scan = replace(scan, sizes=tuple(size + 0.01 for size in scan.sizes))
+    scan = replace(scan, sizes={name: mm + 0.01 for name, mm in scan.sizes.items()})
     every = [example, moved_at_random(example, 0.1, seed=1), scan]
     usual, *others = map(pc.calibrate, every)
     assert usual.status == "ok"

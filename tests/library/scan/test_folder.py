@@ -96,8 +96,8 @@ def test_metres_and_millimetres_are_the_same_scan_in_any_order_of_columns(folder
     ):
         change(folder)
     again = pc.read_scan(folder)
-    assert_same(again, replace(scan, side=np.array(-1), sizes=(20.3,)))
-    assert again.sizes == (20.3,)  # not 20.299999999999997
+    assert_same(again, replace(scan, side=np.array(-1), sizes={"radius": 20.3}))
+    assert again.sizes == {"radius": 20.3}  # not 20.299999999999997
 
 
 def test_the_example_of_all_entries_leaves_none_out_and_says_what_is_usual():

@@ -13,7 +13,7 @@ import profilecal as pc
 def test_a_copy_with_something_wrong_is_refused():
     scan = scan_of("edge", groups=4, positions=3)  # of 12 poses
     wrong_entries = {
-        r"sizes is \(50.0,\); expected 0 sizes in mm": {"sizes": (50.0,)},
+        "sizes of Scan: unknown entry 'radius'": {"sizes": {"radius": 50.0}},
         "the array at index 3 has size 3": {
             "values": (*scan.values[:3], np.ones((1, 3)), *scan.values[4:])
         },

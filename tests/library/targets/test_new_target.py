@@ -162,7 +162,7 @@ def recorded(seed):
 def test_a_folder_holds_its_profiles_and_its_sizes(tmp_path):
     pc.write_scan(recorded(seed=0)[0], tmp_path)
     scan = pc.read_scan(tmp_path)
-    assert scan.sizes_by_name == SIZES
+    assert scan.sizes == SIZES
     assert scan.description == "groove, width 20 mm, depth 9 mm"
 
 
