@@ -114,7 +114,7 @@ def readings(
     for words, rotation in other_rotations(scan):
         yield words, posed(rotation.as_matrix(), p)
     if scan.sizes:
-        fitting = with_best_lengths(observed)
+        fitting = with_best_sizes(observed)
         pairs = zip(scan.sizes, fitting.sizes, strict=True)
         words = " and ".join(f"a {name} of {mm:.3g} mm" for name, mm in pairs)
         yield words, fitting
@@ -144,7 +144,7 @@ def other_rotations(scan: Scan) -> Iterator[tuple[str, Rotation]]:
     yield "every rotation inverted (matrices transposed)", inverted
 
 
-def with_best_lengths(stated: Observations) -> Observations:
+def with_best_sizes(stated: Observations) -> Observations:
     """With the target's sizes as they fit best, a quarter to four times as long."""
 
     def times(log_ratio: float) -> Observations:
