@@ -19,7 +19,7 @@ Out: a `Scan`, and what was taken for granted; or a `Question` with its answer.
 Words, each for one thing:
 
     layout   what a user says of the files; `said`, one option of it; `wanted`, the
-             column and the value of rows that --where says
+             column and the value of rows, or the frame, that --where says
     pattern  what files of one kind are called, as scan_*.csv; a family is these files
     block    a table in a file; its columns have a title, a role, such as x or label,
              and an owner, which is tcp in tcp_x

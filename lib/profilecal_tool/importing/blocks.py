@@ -27,10 +27,11 @@ from profilecal_tool.importing.makers import (
 from profilecal_tool.importing.questions import one_or_ask
 
 LARGEST_POSE = 16  # numbers of a matrix; a list of more is a profile
-KNOWN = sorted(UNITS.keys() - WORDS["in_brackets"], key=len, reverse=True)
+BEHIND_WORDS = sorted(UNITS.keys() - WORDS["in_brackets"], key=len, reverse=True)
 IN_BRACKETS = re.compile(r"(.*?)[\s_,/]*[\[(]([^\])]*)[\])]")
-# A in Grad, x_mm
-BEHIND = re.compile(rf"(.*?)(?:[\s_]+in)?[\s_,/]+({'|'.join(map(re.escape, KNOWN))})")
+BEHIND = re.compile(  # A in Grad, x_mm
+    rf"(.*?)(?:[\s_]+in)?[\s_,/]+({'|'.join(map(re.escape, BEHIND_WORDS))})"
+)
 
 
 class Column(NamedTuple):
@@ -156,16 +157,16 @@ Blocks = list[Block]
 Files = dict[Path, Blocks]  # the blocks in each file
 
 
-def blocks_of_entry(blocks: Blocks, wanted: str, liked: str, what: str) -> Blocks:
-    """The blocks of one entry: the one that a user wants, or else of the robot, and
+def blocks_of_entry(blocks: Blocks, said: str, liked: str, what: str) -> Blocks:
+    """The blocks of one entry: the one that a user says, or else of the robot, and
     with a word that is liked, such as flange. Raises Question for several.
     """
 
     def fits(entry: str) -> tuple[bool, ...]:
         """Whether an entry is liked, by what counts most first. All are where nothing
-        is wanted, or what other files have; and an entry that has no name is the one.
+        is said, or what other files have; and an entry that has no name is the one.
         """
-        name, wish = entry.lower(), wanted.lower()
+        name, wish = entry.lower(), said.lower()
         is_liked = liked in name and name not in WORDS["tool"]
         return wish in name, wish == name, not is_of_other(name), is_liked
 

@@ -110,15 +110,15 @@ def families_in(folder: Path, layout: Layout) -> Families:
     both patterns, the other files may say what tool the poses have, and those that
     cannot be read are empty. Raises ScanError.
     """
-    said = [*filter(None, (layout.poses, layout.profiles))]
-    said.sort(key=lambda pattern: -len(files_matching(folder, pattern)))
+    given = [*filter(None, (layout.poses, layout.profiles))]
+    given.sort(key=lambda pattern: -len(files_matching(folder, pattern)))
     families = defaultdict(dict)
-    for path, pattern in watched([*patterns_of(folder, said).items()], "reading"):
-        # where both are said, what is beside them may be of any kind
-        ignored = [] if len(said) < 2 or pattern in said else [ScanError]
+    for path, pattern in watched([*patterns_of(folder, given).items()], "reading"):
+        # where both are given, what is beside them may be of any kind
+        ignored = [] if len(given) < 2 or pattern in given else [ScanError]
         families[pattern][path] = [*blocks_wanted(path, layout, ignored)]
-    for pattern in said:  # of the same files
-        families.setdefault(pattern, families[said[-1]])
+    for pattern in given:  # of the same files
+        families.setdefault(pattern, families[given[-1]])
     return families
 
 

@@ -107,7 +107,7 @@ def paired_in_order(
                 f"{poses.path}: times of poses and profiles are by two clocks, and "
                 "in another order; sort the rows, or name files"
             )
-        how += ", as in time by two clocks"
+        how += ", as times by two clocks, or numbers, have it"
     return Pairing(rows, how)
 
 
@@ -217,7 +217,7 @@ def numbers_in(text: str) -> tuple:
     return tuple(map(int, re.findall(r"\d+", STAMP.sub("", text))))
 
 
-def time_said(text: str, unit_s: float) -> float:
+def time_in(text: str, unit_s: float) -> float:
     """The time that a text says, s, in this unit if by a bare number; or NaN."""
     if match := STAMP.search(text):
         moment = "{}-{}-{}T{}:{}:{}".format(*match.groups())
@@ -247,8 +247,8 @@ def times_of(poses: Block, names: Names, layout: Layout) -> Times | None:
         units = {columns[0].unit} - {""}
         unit_s, _ = scale_of(poses.path, units, "s", TIME_UNITS)
     of_names = 1.0 if layout.times else unit_s
-    log = np.array([time_said(cell, unit_s) for cell in cells.astype(str)])
-    profiles = np.array([time_said(name, of_names) for name in names])
+    log = np.array([time_in(cell, unit_s) for cell in cells.astype(str)])
+    profiles = np.array([time_in(name, of_names) for name in names])
     return Times(log, profiles) if np.isfinite([*log, *profiles]).all() else None
 
 

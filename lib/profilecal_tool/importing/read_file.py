@@ -77,14 +77,14 @@ def decoded_text(path: Path, encoding: str) -> str:
     return text_of(path, encoding=max(ENCODINGS, key=words_known))
 
 
-def patterns_of(folder: Path, said: list[str]) -> dict[Path, str]:
-    """The pattern of each file: the last of those said that takes it; or else its name
+def patterns_of(folder: Path, given: list[str]) -> dict[Path, str]:
+    """The pattern of each file: the last of those given that takes it; or else its name
     with * for numbers, as scan_*.csv, and for one letter alone, as *.csv for A.csv.
 
     Raises ScanError where there are no files.
     """
     patterns = {}
-    for pattern in said:
+    for pattern in given:
         patterns |= dict.fromkeys(files_matching(folder, pattern), pattern)
     for path in sorted_files(folder, "**/*"):
         if path not in patterns and is_readable(path):

@@ -136,13 +136,13 @@ def columns_said(block: Block, said: str) -> list[Column]:
     """The columns of a block that a user says by titles or numbers, of those that are
     there; with the units that are said. Raises ScanError for more than two.
     """
-    known = {str(column.at + 1): column for column in block.columns}
-    known |= {column.name: column for column in block.columns}
+    columns = {str(column.at + 1): column for column in block.columns}
+    columns |= {column.name: column for column in block.columns}
     titles = [column_titled(0, title) for title in said.split(",")]
     if len(titles) > 2:
         raise ScanError(f"--columns {said}: expected two, of x and z")
-    there = [(known[title.name], title.unit) for title in titles if title.name in known]
-    return [column._replace(unit=unit or column.unit) for column, unit in there]
+    found = [(columns.get(title.name), title.unit) for title in titles]
+    return [c._replace(unit=unit or c.unit) for c, unit in found if c]
 
 
 def points_of_file(blocks: Blocks, layout: Layout) -> Blocks:
@@ -167,14 +167,14 @@ def read_profiles(files: Files, stops: int, layout: Layout) -> tuple[Series, Tak
     """
     place = Path(commonpath(files))
     found = [points_or_ask(blocks, layout) for blocks in files.values()]
-    tables = [points for own in found for points in own]
+    tables = [points for each in found for points in each]
     if not tables:
         raise ScanError(f"{place}: no profiles in these rows")
     if len(files) == 1:
         expected = stops if len(tables) == 1 else 0
         rows = concat([rows_of_each(points, expected, layout) for points in tables])
     else:
-        rows = Series([rows_of_one(own, layout) for own in found], names_of(files))
+        rows = Series([rows_of_one(each, layout) for each in found], names_of(files))
     xz, taken = in_mm(place, tables, layout)
     values = np.split(xz, np.cumsum(rows)[:-1])
     return Series(values, rows.index, name=tables[0].entry), taken
@@ -302,10 +302,10 @@ def in_mm(place: Path, tables: Blocks, layout: Layout) -> tuple[ndarray, Taken]:
     of_codes = {UNIT_OF_CODE.get(code, "") for code in codes} - {""}
     units = {column.unit for points in tables for column in points.chosen.values()}
     # x or z without a unit, beside the other in um, is none in um
-    known = {layout.unit} - {""} or (of_codes if units == {""} else units)
-    scale, unit = scale_of(place, {u or "mm" for u in known}, "mm", LENGTH_UNITS)
+    stated = {layout.unit} - {""} or (of_codes if units == {""} else units)
+    scale, unit = scale_of(place, {u or "mm" for u in stated}, "mm", LENGTH_UNITS)
     xz *= scale
-    check_size(place, xz, scale, bool(known))
+    check_size(place, xz, scale, bool(stated))
     words = listed(f"{code:.12g}" for code in codes) or "blank"
     first = tables[0]
     titles = ",".join(map(first.title, first.chosen.values()))

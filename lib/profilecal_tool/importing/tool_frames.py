@@ -39,14 +39,14 @@ def tools_in_data(blocks: Blocks, poses: Block) -> list[Row]:
     for block in blocks:
         if block.kind == "tool" and not poses.robot:
             tools.append({"name": block.path.stem})
-        for own in block.poses.values():
-            name = (own.entry or own.sheet).lower()
+        for frame in block.poses.values():
+            name = (frame.entry or frame.sheet).lower()
             if name not in WORDS["tool"]:
                 continue
-            numbers = own.numbers_of(own.chosen)
-            if own.units(own.chosen) - poses.units(poses.chosen):
+            numbers = frame.numbers_of(frame.chosen)
+            if frame.units(frame.chosen) - poses.units(poses.chosen):
                 numbers[:] = np.nan
-            frames = DataFrame(numbers, columns=[*own.chosen]).drop_duplicates()
+            frames = DataFrame(numbers, columns=[*frame.chosen]).drop_duplicates()
             # beside each pose in Universal Robots' logs: used at once
             if name == "tcp_offset" and block.columns == poses.columns:
                 name = ""
@@ -187,12 +187,11 @@ def check_moves_beside(poses: Block, program: Program) -> None:
     """Raise ScanError where lines move beside one of these poses, and none to it."""
     names = {kind: {row.get("name") for row in program[kind]} for kind in OF_MOVES}
     beside = names["beside"] - names["uses"]
-    for name in poses.labels.get("name", []):
-        if name in beside:
-            raise ScanError(
-                f"{poses.path}: moves go beside {name}, such as by an offset, and none "
-                "to it; where were profiles taken? Write those poses"
-            )
+    if found := beside.intersection(beside and poses.labels.get("name", [])):
+        raise ScanError(
+            f"{poses.path}: moves go beside {listed(sorted(found))}, such as by an "
+            "offset, and none to them; where were profiles taken? Write those poses"
+        )
 
 
 def convention_of_tool(poses: Block) -> Convention:

@@ -401,7 +401,7 @@ SAID = {
         abb,
         by_target,
         edited("scan.mod", "MoveL p", "MoveL RelTool(p", 12),
-        "moves go beside p120, such as by",
+        "moves go beside p10, p100, p110",
     ),
     "one that no move has": (abb, "--where tool=tool0", "no poses where tool=tool0"),
     "tools in a list": (
