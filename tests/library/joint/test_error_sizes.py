@@ -81,7 +81,7 @@ def test_the_likeliest_sizes_are_those_that_scipy_finds(monkeypatch):
     by_scipy = minimize(unlikely, start, method="BFGS")
     assert unlikely(likely.y) == pytest.approx(by_scipy.fun, abs=1e-5)
     assert np.linalg.eigvalsh(likely.root).min() > 0
-    for found, within in ((likely, 1e-6), (roughly, 1e-3)):  # that steps promise
+    for found, within in ((likely, 1e-6), (roughly, 1e-2)):  # that steps promise
         height = found.log_evidence - np.linalg.slogdet(found.root)[1]
         assert height == pytest.approx(-unlikely(likely.y), abs=within)
 
