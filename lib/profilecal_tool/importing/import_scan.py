@@ -185,6 +185,11 @@ def which_hold_what(
     # or both are in the same files
     if not of_points and points_of_file(first[pose], layout):
         of_points = [pose]
+    labels = {*chain(*(chain(*block.labels.values()) for block in first[pose]))}
+    if len(of_points) > 1 and labels.issuperset(Path(n).stem for n in of_points):
+        every = str(Path(of_points[0]).with_stem("*"))
+        sentence = f"{folder}: are {listed(of_points)} profiles of the poses called so?"
+        raise Question(sentence, poses=pose, profiles=every)
     profile = layout.profiles or one_or_ask(
         folder, of_points, "holds the profiles (a pattern takes several)", "profiles"
     )

@@ -79,17 +79,14 @@ def decoded_text(path: Path, encoding: str) -> str:
 
 def patterns_of(folder: Path, given: list[str]) -> dict[Path, str]:
     """The pattern of each file: the last of those given that takes it; or else its name
-    with * for numbers, as scan_*.csv, and for one letter alone, as *.csv for A.csv.
-
-    Raises ScanError where there are no files.
+    with * for numbers, as scan_*.csv. Raises ScanError where there are no files.
     """
     patterns = {}
     for pattern in given:
         patterns |= dict.fromkeys(files_matching(folder, pattern), pattern)
     for path in sorted_files(folder, "**/*"):
         if path not in patterns and is_readable(path):
-            name = escape(str(path.relative_to(folder)))
-            patterns[path] = re.sub(r"\d+|(?<![^/])[a-zA-Z](?=\.\w+$)", "*", name)
+            patterns[path] = re.sub(r"\d+", "*", escape(str(path.relative_to(folder))))
     if not patterns:
         raise ScanError(f"{folder}: no files; is the folder right?")
     return patterns

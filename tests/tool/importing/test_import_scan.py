@@ -499,11 +499,11 @@ SAID = {
         each("run1/{}.csv"),
         "several poses in each of run1/poses, run2/poses; import each folder",
     ),
-    "called by letters": (
+    "called by words": (
         a_file("poses.csv", "n,x,y,z,a,b,c\nA,1,2,3,4,5,6\nB,2,3,4,5,6,7"),
         a_file("A.csv", "x,z\n1,2"),
         a_file("B.csv", "x,z\n1,2"),
-        "by n and the names",
+        "of the poses called so?… --poses poses.csv --profiles '*.csv'",
     ),
     "rows": (tum, "--where y=0", "no rows where y=0; the columns are … x, z"),
     "no rows": (tum, "--where x=999", "no profiles in these rows"),
