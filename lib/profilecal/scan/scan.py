@@ -257,7 +257,7 @@ class Scan:
             check_entries("Scan", {n: own[n] for n in ENTRY_RULES}, ENTRY_RULES)
             named(self.convention)
             rules = size_rules(self.kind)
-            sizes = dict.fromkeys(rules) | dict(self.sizes)
+            sizes: Entries = dict.fromkeys(rules) | dict(self.sizes)
             check_entries("sizes of Scan", sizes, rules)
             own["sizes"] = {name: float(mm) for name, mm in sizes.items()}
             measured, target = self.measured, self.target
@@ -489,7 +489,7 @@ def checked_guess_sd(guess_sd: ArrayLike) -> ndarray:
     """Standard deviations of a guess, (2,) mm and degrees. Raises ValueError."""
     sd = check_array("guess_sd", guess_sd, (2,), finite=False)
     if not (sd > 0).all():
-        raise ValueError(f"guess_sd is {guess_sd}; expected mm and degrees above 0")
+        raise ValueError(f"guess_sd is {guess_sd!r}; expected mm and degrees above 0")
     return sd
 
 

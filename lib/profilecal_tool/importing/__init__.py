@@ -16,7 +16,7 @@ Out: a `Scan`, and what was taken for granted; or a `Question` with its answer.
 4. `pair_profiles` finds the pose of each profile: by label, by time, in order.
 5. `tool_frames` takes a tool off; `import_scan` makes the scan.
 
-Words, each for one thing:
+Words, each for one thing::
 
     layout   what a user says of the files; `said`, one option of it; `wanted`, the
              column and the value of rows, or the frame, that --where says

@@ -28,7 +28,7 @@ from profilecal_tool.importing.questions import one_or_ask
 
 LARGEST_POSE = 16  # numbers of a matrix; a list of more is a profile
 BEHIND_WORDS = sorted(UNITS.keys() - WORDS["in_brackets"], key=len, reverse=True)
-IN_BRACKETS = re.compile(r"(.*?)[\s_,/]*[\[(]([^\])]*)[\])]")
+IN_BRACKETS = re.compile(r"(.*?)[\s_,/]*[\[(](?!\d+[\])])([^\])]*)[\])]")
 BEHIND = re.compile(  # A in Grad, x_mm
     rf"(.*?)(?:[\s_]+in)?[\s_,/]+({'|'.join(map(re.escape, BEHIND_WORDS))})"
 )
@@ -240,6 +240,8 @@ def roles_of_list(cells: DataFrame, name: str) -> tuple[list[str], str]:
     first, _, after = name.partition("_")
     # words, and whose numbers they are: nobody's by a name that is one word
     owners = [(name, before and name), (last, before), (first, after)]
+    if after:  # as of robot_tcp_offset, from a list in a list
+        owners.append((after, after))
     if not name or count > 2:  # two numbers of any name are no x and z
         owners.append(("bare", name))
     if cells.select_dtypes("number").shape == cells.shape:

@@ -173,6 +173,9 @@ def which_hold_what(
     asked = [n for n in first if first[n] and n not in (layout.poses, layout.profiles)]
     asked.sort(key=lambda name: -len(families[name]))
     of_poses = [n for n in asked if poses_in(first[n], layout.pose_columns)]
+    # a pose alone, beside others, is a tool's or a target's
+    many = [n for n in of_poses if len(families[n]) > 1 or len(first[n][0].table) > 1]
+    of_poses = many or of_poses
     others = [n for n in asked if n not in of_poses]
     # those of half as many files are something else, such as a reference
     most = [n for n in others if 2 * len(families[n]) > len(families[others[0]])]
@@ -218,13 +221,13 @@ def check_one_profile_a_pose(
     again = np.flatnonzero(np.diff(pairing.rows) == 0)
     if len(again) and not layout.profiles:
         one, other, *_ = names[again[0] :]
-        words = re.findall(r"[a-zA-Z]+\d*|\d+", one)
-        part = next((word for word in words if word not in other), one)
+        parts = zip(*(re.findall(r"\d+|\D+", n) for n in (one, other)), strict=False)
+        like = "".join("*" if a == b and a.isdigit() else a for a, b in parts)
         sentence = f"{folder}: {one} and {other} are of one pose"
-        if not sorted_files(folder, f"*{part}*"):
+        if not sorted_files(folder, f"{like}.*"):
             raise ScanError(f"{sentence}; leave one out")
         every = re.sub(r"\d+", "*", f"{one}.*")
-        raise Question(f"{sentence}; which? (all: '{every}')", profiles=f"*{part}*")
+        raise Question(f"{sentence}; which? (all: '{every}')", profiles=f"{like}.*")
 
 
 def in_sweeps(folder: Path, fields: Fields, both: Times) -> Fields:

@@ -116,7 +116,11 @@ def binary_blocks(path: Path) -> Iterator[Block]:
         arrays = reader.get(path.suffix.lower(), numpy_arrays)(path)
     except Exception as error:  # each reader has its own
         raise ScanError(f"{path}: no arrays of numbers: is it cut short?") from error
-    yield from array_blocks(path, arrays)
+    if all(name[-1:].isdigit() for name in arrays):  # one for each number
+        lists = {name: array.tolist() for name, array in arrays.items()}
+        yield from blocks_within(path, lists)
+    else:
+        yield from array_blocks(path, arrays)
 
 
 def matlab_arrays(path: Path) -> Arrays:
@@ -157,6 +161,9 @@ def array_blocks(path: Path, arrays: Arrays) -> Iterator[Block]:
     points of profiles have more rows.
     """
     alike = defaultdict(dict)
+    x, z = arrays.get("x"), arrays.get("z")
+    if np.ndim(x) == 1 and np.shape(z)[1:] == x.shape:  # the same for all
+        arrays |= {"x": np.broadcast_to(x, z.shape)}
     for name, array in arrays.items():
         if array.ndim and array.size:
             array = array.astype(array.dtype.newbyteorder("="), copy=False)

@@ -18,6 +18,7 @@ from profilecal_tool.importing.robot_poses import Fields, angle_of, length_of
 Row = dict  # what stands in a line, by name
 Numbers = Sequence[float]  # of a tool: its position and angles, as they stand
 Program = dict[str, list[Row]]  # the rows of each kind of line
+UNTURNED = {"qw", "r11", "r22", "r33"}  # are 1 in a frame that does not turn
 
 
 def lines_of_program(blocks: Blocks, maker: str) -> Program:
@@ -44,7 +45,9 @@ def tools_in_data(blocks: Blocks, poses: Block) -> list[Row]:
             if name not in WORDS["tool"]:
                 continue
             numbers = frame.numbers_of(frame.chosen)
-            if frame.units(frame.chosen) - poses.units(poses.chosen):
+            reach_mm = np.abs(numbers[:, :3]).max() * length_of(poses)[0]
+            is_in_m = 0 < reach_mm < 1  # for no tool is so short
+            if is_in_m or frame.units(frame.chosen) - poses.units(poses.chosen):
                 numbers[:] = np.nan
             frames = DataFrame(numbers, columns=[*frame.chosen]).drop_duplicates()
             # beside each pose in Universal Robots' logs: used at once
@@ -138,7 +141,8 @@ def of_one_tool(
         rows = program[kind] + tools_in_data(blocks, poses)
         numbers = numbers_of_tool(poses, rows, tool)
         if numbers:
-            words = f"{tool or 'one'} at {[*numbers[:3]]}, taken off"
+            _, unit = length_of(poses)
+            words = f"{tool or 'one'} at {[*numbers[:3]]} {unit}, taken off"
         if kind == "pose":
             poses = without(poses, {tool})
     if base not in {"", *WORDS["no_base"]}:
@@ -169,10 +173,9 @@ def numbers_of_tool(poses: Block, rows: list[Row], tool: str) -> Numbers | None:
             "here; where is it on the flange? (X Y Z in mm, angles as poses have)",
             tool=[*map(str.upper, letters)],
         )
-    # what is at the flange's origin is none
-    declared = sorted(
-        name for name, every in found.items() if any(any(one[:3]) for one in every)
-    )
+    # a frame that neither moves nor turns is none
+    none = tuple(float(role in UNTURNED) for role in poses.chosen)
+    declared = sorted(name for name, every in found.items() if every - {none})
     if declared and not tool:
         answer = declared[0] if len(declared) == 1 else "NAME"
         raise Question(

@@ -274,7 +274,7 @@ FOLDERS |= {
         "tool tscan, of which 0 frames",
     ),
     "a frame beside": (people.robot_states, "one at [0.012, -0.035, 0.18]"),
-    "a frame with a name": (people.ur, "tcp1 at [0.012, -0.035, 0.18], taken off"),
+    "a frame with a name": (people.ur, "tcp1 at [0.012, -0.035, 0.18] m, taken off"),
 }
 
 
@@ -351,7 +351,7 @@ SAID = {
         a_file("scan.src", "$TOOL={X 12,Y 0,Z 0,A 0,B 0,C 0}"),
         a_file("notes.npz", "PK\3"),
         "--poses scan.dat --profiles scan_*.csv",
-        "files left out… notes.npz… one at [12.0, 0.0, 0.0], taken off",
+        "files left out… notes.npz… one at [12.0, 0.0, 0.0] mm, taken off",
     ),
     "two frames of one tool": (
         abb,
@@ -364,7 +364,7 @@ SAID = {
         one_each,
         edited("CALIB.LS", "UT : 0", "UT : 3", 12),
         a_file("SYSFRAME.VA", FRAMES),
-        "3 at [12.0, -35.0, 180.0], taken off",
+        "3 at [12.0, -35.0, 180.0] mm, taken off",
     ),
     "moves that name no poses": (
         a_file("scan.pcs", DENSO),
@@ -389,6 +389,7 @@ SAID = {
         by_target,
         edited("scan.mod", "MoveL p10,v100,fine,tScan", "MoveJ p10,v100,fine,tool0"),
         edited("scan.mod", "MoveL", "!", 11),
+        edited("scan.mod", "12,-35,180", "0,0,0"),  # it only turns
         "is declared, which no",
     ),
     "a tool of a script": (
