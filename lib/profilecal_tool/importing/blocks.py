@@ -228,6 +228,8 @@ def roles_of_list(cells: DataFrame, name: str) -> tuple[list[str], str]:
     >>> roles, owner = roles_of_list(DataFrame([sum(matrix, [])]), "T")
     >>> roles[:5], owner
     (['r11', 'r12', 'r13', 'x', 'r21'], 'T')
+    >>> roles_of_list(DataFrame([[1, 2, 3, 4, 5, 6]]), "robot_tcp_offset")
+    (['x', 'y', 'z', 'rx', 'ry', 'rz'], 'tcp_offset')
     >>> roles_of_list(DataFrame([[1, 2, 3, 4, 5, 6]]), "speeds")  # not known
     ([], 'speeds')
     >>> roles_of_list(DataFrame([[7, 8]]), "")
@@ -286,7 +288,11 @@ def counted(count: int) -> list[str]:
 
 
 def column_titled(at: int, title: str) -> Column:
-    """What a title says by itself."""
+    """What a title says by itself.
+
+    >>> [column_titled(0, title).unit for title in ("Ｘ（mm）", "x [m]", "O_T_EE[0]")]
+    ['mm', 'm', '']
+    """
     # in letters and brackets of usual width
     text, unit = normalize("NFKC", title).strip().lower(), ""
     if match := IN_BRACKETS.fullmatch(text) or BEHIND.fullmatch(text):

@@ -174,8 +174,8 @@ def which_hold_what(
     asked.sort(key=lambda name: -len(families[name]))
     of_poses = [n for n in asked if poses_in(first[n], layout.pose_columns)]
     # a pose alone, beside others, is a tool's or a target's
-    many = [n for n in of_poses if len(families[n]) > 1 or len(first[n][0].table) > 1]
-    of_poses = many or of_poses
+    rows = {n: len(families[n]) * max(len(b.table) for b in first[n]) for n in of_poses}
+    of_poses = [n for n in of_poses if rows[n] > 1] or of_poses
     others = [n for n in asked if n not in of_poses]
     # those of half as many files are something else, such as a reference
     most = [n for n in others if 2 * len(families[n]) > len(families[others[0]])]

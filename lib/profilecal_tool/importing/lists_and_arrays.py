@@ -158,7 +158,11 @@ def numpy_arrays(path: Path) -> Arrays:
 
 def array_blocks(path: Path, arrays: Arrays) -> Iterator[Block]:
     """Arrays as blocks: those of as many rows are one, such as poses and their times;
-    points of profiles have more rows.
+    points of profiles have more rows. One row of x is that of each profile.
+
+    >>> arrays = {"x": np.arange(2), "z": np.array([[5, 6], [7, 8]])}
+    >>> next(array_blocks(Path("a.npz"), arrays)).table.to_numpy().tolist()
+    [[0, 1, 5, 6], [0, 1, 7, 8]]
     """
     alike = defaultdict(dict)
     x, z = arrays.get("x"), arrays.get("z")

@@ -167,15 +167,6 @@ FOLDERS |= {
         people.of_tool("n,x,y,z,w,p,r,Tool-Nr", "{k},{all},3", "FANUC angles"),
         "tool 3, of which 0 frames are here… --tool X Y Z W P R",
     ),
-    "a tool in m": (
-        people.of_tool(
-            "n,x [mm],y,z,w,p,r,tcp_offset_x [m],"
-            "tcp_offset_y,tcp_offset_z,tcp_offset_w,tcp_offset_p,tcp_offset_r",
-            "{k},{all},0.012,-0.035,0.18,0,0,30",
-            "FANUC angles",
-        ),
-        "a tool without a name, of which 0 frames are here… --tool X Y Z W P R",
-    ),
     "a tool above": (people.of_tool_above, "tool tcp_offset is declared"),
     "brackets": (csv, each("[{:03d}].csv"), each("[{:03d}]b.csv"), "'[[]*].csv'"),
     "of a camera": (listed("cam_x,cam_y,cam_z,cam_a,cam_b,cam_c"), "poses are of cam"),
@@ -275,6 +266,18 @@ FOLDERS |= {
     ),
     "a frame beside": (people.robot_states, "one at [0.012, -0.035, 0.18]"),
     "a frame with a name": (people.ur, "tcp1 at [0.012, -0.035, 0.18] m, taken off"),
+}
+FOLDERS |= {
+    f"a tool in {unit}": (
+        people.of_tool(
+            f"n,x [mm],y,z,w,p,r,tcp_offset_x {unit},"
+            "tcp_offset_y,tcp_offset_z,tcp_offset_w,tcp_offset_p,tcp_offset_r",
+            f"{{k}},{{all}},{where},0,0,30",
+            "FANUC angles",
+        ),
+        "a tool without a name, of which 0 frames are here… --tool X Y Z W P R",
+    )
+    for unit, where in (("", "0.012,-0.035,0.18"), ("[cm]", "1.2,-3.5,18"))
 }
 
 
