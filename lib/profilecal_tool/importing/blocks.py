@@ -162,17 +162,16 @@ def blocks_of_entry(blocks: Blocks, said: str, liked: str, what: str) -> Blocks:
     with a word that is liked, such as flange. Raises Question for several.
     """
 
-    def fits(entry: str) -> tuple[bool, ...]:
-        """Whether an entry is liked, by what counts most first. All are where nothing
-        is said, or what other files have; and an entry that has no name is the one.
-        """
-        name, wish = entry.lower(), said.lower()
-        is_liked = liked in name and name not in WORDS["tool"]
-        return wish in name, wish == name, not is_of_other(name), is_liked
-
+    wish = said.lower()
+    preferences = (
+        lambda name: wish in name,  # all, where nothing is said; none, of other files
+        lambda name: wish == name,
+        lambda name: not is_of_other(name),
+        lambda name: liked in name and name not in WORDS["tool"],
+    )
     entries = [*dict.fromkeys(block.entry for block in blocks)]
-    best = max(map(fits, entries))
-    entries = [entry for entry in entries if fits(entry) == best]
+    for preferred in preferences:  # by what counts most first
+        entries = [e for e in entries if preferred(e.lower())] or entries
     entry = one_or_ask(blocks[0].path, entries, what, "entry")
     return [block for block in blocks if block.entry == entry]
 

@@ -188,15 +188,22 @@ def which_hold_what(
     # or both are in the same files
     if not of_points and points_of_file(first[pose], layout):
         of_points = [pose]
+    return pose, layout.profiles or one_of_profiles(folder, of_points, pose, first)
+
+
+def one_of_profiles(
+    folder: Path, patterns: list[str], pose: str, first: dict[str, Blocks]
+) -> str:
+    """The one of some patterns of profiles. Raises ScanError for none; Question for
+    several, which may be called as the poses are.
+    """
     labels = {*chain(*(chain(*block.labels.values()) for block in first[pose]))}
-    if len(of_points) > 1 and labels.issuperset(Path(n).stem for n in of_points):
-        every = str(Path(of_points[0]).with_stem("*"))
-        sentence = f"{folder}: are {listed(of_points)} profiles of the poses called so?"
+    if len(patterns) > 1 and labels.issuperset(Path(n).stem for n in patterns):
+        every = str(Path(patterns[0]).with_stem("*"))
+        sentence = f"{folder}: are {listed(patterns)} profiles of the poses called so?"
         raise Question(sentence, poses=pose, profiles=every)
-    profile = layout.profiles or one_or_ask(
-        folder, of_points, "holds the profiles (a pattern takes several)", "profiles"
-    )
-    return pose, profile
+    what = "holds the profiles (a pattern takes several)"
+    return one_or_ask(folder, patterns, what, "profiles")
 
 
 def points_or_profiles(values: Series) -> tuple[Fields, str]:

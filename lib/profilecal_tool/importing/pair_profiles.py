@@ -33,7 +33,7 @@ class Times(NamedTuple):
 class Pairing(NamedTuple):
     """Poses with a profile each; or, in motion, the log and all profiles."""
 
-    rows: ndarray  # of the table of poses; (P,) of each profile, -1: none, until sorted
+    rows: ndarray  # of the table of poses
     how: str
     profiles: ndarray | slice = slice(None)  # which are of these poses
     times: Times | None = None  # in motion
@@ -51,39 +51,41 @@ def pair_profiles(poses: Block, names: Names, moves: Names, layout: Layout) -> P
             raise ScanError(f"--times: {rate:g} profiles a second; expected some")
         # profiles are called by their times
         names = [f"{start + k / rate:.6f}" for k in range(len(names))]
-    labels = next(iter(poses.labels.values()), [])  # a program's only ones are names
-    in_program = [labels.index(n) for n in dict.fromkeys(moves) if n in labels]
-    found = None if layout.times else paired_by_label(poses, names)
-    times = None if found else times_of(poses, names, layout)
+    elif pairing := paired_by_label(poses, names):
+        return pairing
+    times, pairing = times_of(poses, names, layout), None
     if times and len(times.log) > 1:
-        found = paired_by_time(poses, times)
-    found = found or paired_in_order(poses, in_program, names, times, layout)
-    if found.times:
-        return found
-    served, how = {*found.rows}, found.how
-    if served == {-1}:
+        pairing = paired_by_time(poses, names, times)
+    return pairing or paired_in_order(poses, names, moves, times, layout)
+
+
+def in_order_of_poses(poses: Block, names: Names, found: ndarray, how: str) -> Pairing:
+    """The pairing of profiles whose poses were found in these rows (P,), -1: none.
+
+    Raises ScanError where none was found.
+    """
+    if (found < 0).all():
         raise ScanError(f"{poses.path}: {how}, and no profile has a pose")
-    lost = [names[k] for k in np.flatnonzero(found.rows < 0)]
+    labels, served = next(iter(poses.labels.values()), []), {*found}
+    lost = [name for name, row in zip(names, found, strict=True) if row < 0]
     idle = [label for row, label in enumerate(labels) if row not in served]
     for what, left in (("pose", lost), ("profile", idle)):
         how += f"; left out, without a {what}: {listed(left)}" if left else ""
-    # in the order of the poses, behind the profiles that have none
-    order = np.argsort(found.rows, kind="stable")[len(lost) :]
-    return Pairing(found.rows[order], how, order)
+    # behind the profiles that have none
+    order = np.argsort(found, kind="stable")[len(lost) :]
+    return Pairing(found[order], how, order)
 
 
 def paired_in_order(
-    poses: Block,
-    in_program: list[int],
-    names: Names,
-    times: Times | None,
-    layout: Layout,
+    poses: Block, names: Names, moves: Names, times: Times | None, layout: Layout
 ) -> Pairing:
     """The poses as a program's lines use them, or as they are listed.
 
     Raises ScanError where there are not as many profiles, where times are said, which
     then no pose has, or where numbers say another order, or times of another clock.
     """
+    labels = next(iter(poses.labels.values()), [])  # a program's only ones are names
+    in_program = [labels.index(n) for n in dict.fromkeys(moves) if n in labels]
     rows = np.array(in_program or range(len(poses.table)))
     if layout.times or len(names) != len(rows):
         counts = f"{len(names)} profiles for {len(rows)} poses"
@@ -108,13 +110,14 @@ def paired_in_order(
                 "in another order; sort the rows, or name files"
             )
         how += ", as times by two clocks, or numbers, have it"
-    return Pairing(rows, how)
+    return in_order_of_poses(poses, names, rows, how)
 
 
 class Match(NamedTuple):
     """Which poses have the labels that profiles have."""
 
-    rank: tuple  # whether by names or several numbers; how many it serves
+    is_whole: bool  # by names or several numbers, not by one number
+    share: float  # of the poses and of the profiles that it serves, the smaller one
     rows: ndarray  # of the poses; (P,) of each profile, -1: none
     how: str
     keys: list  # what is compared, of the poses
@@ -128,10 +131,10 @@ def paired_by_label(poses: Block, names: Names) -> Pairing | None:
     Raises ScanError where another column says otherwise of a profile, and where a label
     stands twice.
     """
-    matches = [match for match in matches_of(poses, names) if match.rank[1] > 0.5]
+    matches = [match for match in matches_of(poses, names) if match.share > 0.5]
     if not matches:
         return None
-    best = max(matches, key=lambda match: match.rank)
+    best = max(matches, key=lambda match: (match.is_whole, match.share))
     check_others(poses, names, best, matches)
     is_again = Series(best.keys).duplicated().to_numpy()
     for name, row in zip(names, best.rows, strict=True):
@@ -141,7 +144,7 @@ def paired_by_label(poses: Block, names: Names) -> Pairing | None:
                 f"{poses.path} lines {one} and {other}: two poses of profile {name}; "
                 "leave one out"
             )
-    return Pairing(best.rows, best.how)
+    return in_order_of_poses(poses, names, best.rows, best.how)
 
 
 def matches_of(poses: Block, names: Names) -> Iterator[Match]:
@@ -152,7 +155,7 @@ def matches_of(poses: Block, names: Names) -> Iterator[Match]:
             rows = np.array([row_of.get(key, -1) for key in sought])
             share = min((rows >= 0).mean(), len({*rows} - {-1}) / len(row_of))
             how = f"by {title} and the {what}"
-            yield Match((is_whole, share), rows, how, keys, title)
+            yield Match(is_whole, share, rows, how, keys, title)
 
 
 def check_others(poses: Block, names: Names, best: Match, matches: list[Match]) -> None:
@@ -161,10 +164,8 @@ def check_others(poses: Block, names: Names, best: Match, matches: list[Match]) 
     """
     for other in matches:
         differs = (np.minimum(other.rows, best.rows) >= 0) & (other.rows != best.rows)
-        is_as_good = other.rank == best.rank
-        if other.title != best.title:
-            is_as_good = other.rank[0] == best.rank[0]
-        if is_as_good and differs.any():
+        is_as_good = other.share == best.share or other.title != best.title
+        if other.is_whole == best.is_whole and is_as_good and differs.any():
             name = names[differs.argmax()]
             raise ScanError(
                 f"{poses.path}: which pose has {name}: {best.how} or {other.how}? "
@@ -256,7 +257,7 @@ def times_of(poses: Block, names: Names, layout: Layout) -> Times | None:
     return Times(log, profiles) if np.isfinite([*log, *profiles]).all() else None
 
 
-def paired_by_time(poses: Block, times: Times) -> Pairing | None:
+def paired_by_time(poses: Block, names: Names, times: Times) -> Pairing | None:
     """The poses nearest in time, of a log only those where the robot stands still; or
     the log, where profiles were taken as the robot moved; None by another clock.
     """
@@ -282,5 +283,6 @@ def paired_by_time(poses: Block, times: Times) -> Pairing | None:
     if len(t) > 2 * len(times.profiles):  # a log that goes on, no list of stops
         is_near, how = is_near & still, "by time, where the robot stands still"
     largest = apart[is_near].max(initial=0)
-    rows = np.where(is_near, order[nearest], -1)
-    return Pairing(rows, f"{how}, up to {largest:.2g} s apart")
+    found = np.where(is_near, order[nearest], -1)
+    how = f"{how}, up to {largest:.2g} s apart"
+    return in_order_of_poses(poses, names, found, how)

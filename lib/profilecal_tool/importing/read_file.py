@@ -11,7 +11,7 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from pandas import read_csv, read_excel
+from pandas import DataFrame, read_csv, read_excel
 
 from profilecal.geometry.progress import watched
 from profilecal.scan.tables import NOTHING, ScanError, cell_number, naming, text_of
@@ -245,19 +245,26 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
                 "above (--poses and --profiles say which files to read)"
             )
         titles = titles or counted(count)
-        texts = [k for k, t in enumerate(titles) if column_titled(k, t).role == "label"]
         stream.seek(offset)
-        table = read_csv(
-            stream,
-            names=range(count),
-            dtype=dict.fromkeys(texts, str),  # text, for 1.10 is not 1.1
-            skiprows=first,
-            nrows=end - begin - first,
-            sep=mark or r"\s+",
-            **AS_IT_IS,
-        )
+        rows = {"skiprows": first, "nrows": end - begin - first}
+        table = table_in(stream, titles, mark, rows)
         table.index += begin + first + 1
         yield Block(path, table, columns_titled(table, titles))
+
+
+def table_in(
+    stream: BytesIO, titles: list[str], mark: str | None, rows: dict
+) -> DataFrame:
+    """The table in some rows of a text; labels stay text, for 1.10 is not 1.1."""
+    labels = [k for k, t in enumerate(titles) if column_titled(k, t).role == "label"]
+    return read_csv(
+        stream,
+        names=range(len(titles)),
+        dtype=dict.fromkeys(labels, str),
+        sep=mark or r"\s+",
+        **rows,
+        **AS_IT_IS,
+    )
 
 
 def sheet_blocks(path: Path) -> Iterator[Block]:

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 from pandas import DataFrame
@@ -67,43 +68,46 @@ def of_one_frame(
     Raises Question where poses have several; ScanError where lines of no pose do, which
     does not matter if a user says the tool's numbers.
     """
-    rows = [row for row in program["uses"] if row.get(which)]
-    lines = [(row.get("name", "").lower(), row[which].lower()) for row in rows]
+    of_pose, of_all = frames_said(program, which)
     column, wanted = layout.wanted
-    if column == which:
-        lines.append(("", wanted))
-    of_all = sorted({frame for pose, frame in lines if not pose})
-    if len(of_all) > 1 and not (which == "tool" and layout.tool):
+    is_said = column == which
+    if is_said:
+        of_all.append(wanted)
+    several = sorted({*of_all})
+    if len(several) > 1 and not (which == "tool" and layout.tool):
         raise ScanError(
             f"{poses.path}: no line says which poses are of {which} "
-            f"{' or '.join(of_all)}; split it, one per {which}"
+            f"{' or '.join(several)}; split it, one per {which}"
         )
-    if column == which:
-        others = {pose for pose, frame in lines if frame != wanted}
+    if is_said:
+        others = {pose for pose, frames in of_pose.items() if {*frames} != {wanted}}
         return without(poses, others), wanted
-    return poses, only_frame(poses, lines, which)
-
-
-def only_frame(poses: Block, lines: list, which: str) -> str:
-    """The one frame that lines and columns say; "" if there is none, or if lines say of
-    some poses alone that they have none. `lines`: a pose, "" for all, and its frame.
-
-    Raises Question for several.
-    """
     columns = poses.having(which)
-    frames = [frame for _, frame in lines]
-    frames += [label_of(cell).lower() for c in columns for cell in poses.table[c.at]]
-    frame_of = dict(lines)
+    cells = [label_of(cell).lower() for c in columns for cell in poses.table[c.at]]
+    frames = [*chain(*of_pose.values()), *of_all, *cells]
     if len({*frames}) > 1:
-        raise question_on_frames(poses, frames, which, frame_of.get(""))
+        raise question_on_frames(poses, frames, which, of_all)
     only = frames[0] if frames else ""
     labels = {label.lower() for label in poses.labels.get("name", [""])}
-    is_of_all = columns or "" in frame_of or labels <= frame_of.keys()
-    return only if is_of_all or only not in WORDS[f"no_{which}"] else ""
+    is_of_each = of_all or cells or labels <= of_pose.keys()
+    # that some poses have no tool says nothing of the others
+    return poses, only if is_of_each or only not in WORDS[f"no_{which}"] else ""
+
+
+def frames_said(program: Program, which: str) -> tuple[dict[str, list], list]:
+    """The tools, or bases, that lines say: of each pose that they name, and of all by
+    those that name none; in small letters.
+    """
+    of_pose, of_all = defaultdict(list), []
+    for row in program["uses"]:
+        pose, frame = row.get("name", "").lower(), row.get(which, "").lower()
+        if frame:
+            (of_pose[pose] if pose else of_all).append(frame)
+    return of_pose, of_all
 
 
 def question_on_frames(
-    poses: Block, frames: list[str], which: str, of_all: str | None
+    poses: Block, frames: list[str], which: str, of_all: list[str]
 ) -> Question:
     """Of which frame the poses are: likely of that of all, or else of the one that is
     used most often; of equals a program's first tool, but in a table the flange.
@@ -111,7 +115,7 @@ def question_on_frames(
     names = [*dict.fromkeys(frames)]
     none = WORDS[f"no_{which}"]
     names.sort(key=lambda name: name in none, reverse=not poses.robot)
-    answer = of_all or max(names, key=frames.count)
+    answer = of_all[0] if of_all else max(names, key=frames.count)
     several = f"{poses.path}: moves have {which}s {listed(names)}"
     return Question(f"{several}; of which are the poses?", where=f"{which}={answer}")
 
