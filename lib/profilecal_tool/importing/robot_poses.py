@@ -180,14 +180,14 @@ def length_of(poses: Block) -> tuple[float, str]:
     """
     units = poses.units(XYZ)
     farthest = np.linalg.norm(poses.numbers_of(XYZ), axis=1).max()
-    usual = "m" if farthest < FARTHEST_M else "mm"
-    if poses.robot:
-        usual = ROBOTS[poses.robot].unit
-    # one number, in m too far for a robot and in mm too near
-    elif not units and FARTHEST_M <= farthest < NEAR_MM:
-        doubt = f"positions up to {farthest:.4g}; cm, in or mm?"
-        position = [poses.chosen[axis] for axis in XYZ]
-        raise question_on_columns(poses, doubt, (position, XYZ, "cm"))
+    usual = poses.robot and ROBOTS[poses.robot].unit
+    if not usual:
+        usual = "m" if farthest < FARTHEST_M else "mm"
+        # one number, in m too far for a robot and in mm too near
+        if not units and FARTHEST_M <= farthest < NEAR_MM:
+            doubt = f"positions up to {farthest:.4g}; cm, in or mm?"
+            position = [poses.chosen[axis] for axis in XYZ]
+            raise question_on_columns(poses, doubt, (position, XYZ, "cm"))
     return scale_of(poses.path, units, usual, LENGTH_UNITS)
 
 
