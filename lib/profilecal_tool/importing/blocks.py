@@ -3,7 +3,7 @@
 import re
 from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -13,7 +13,7 @@ import numpy as np
 from numpy import ndarray
 from pandas import DataFrame
 
-from profilecal.scan.conventions import Convention, find_convention
+from profilecal.scan.conventions import CONVENTIONS, Convention, find_convention
 from profilecal.scan.tables import Table, cell_number
 from profilecal_tool.importing.makers import (
     OF_POSES,
@@ -22,12 +22,12 @@ from profilecal_tool.importing.makers import (
     UNITS,
     WORDS,
     XYZ,
-    conventions_in,
 )
 from profilecal_tool.importing.questions import one_or_ask
 
 LARGEST_POSE = 16  # numbers of a matrix; a list of more is a profile
 BEHIND_WORDS = sorted(UNITS.keys() - WORDS["in_brackets"], key=len, reverse=True)
+# x [mm]; but the number in O_T_EE[0] is an index
 IN_BRACKETS = re.compile(r"(.*?)[\s_,/]*[\[(](?!\d+[\])])([^\])]*)[\])]")
 BEHIND = re.compile(  # A in Grad, x_mm
     rf"(.*?)(?:[\s_]+in)?[\s_,/]+({'|'.join(map(re.escape, BEHIND_WORDS))})"
@@ -62,13 +62,10 @@ class Block:
     robot: str = ""  # the maker whose program it is of
     kind: str = "pose"  # of lines of a program; or "tool", "base", "uses", "beside"
     sheet: str = ""  # the name of its sheet, if there are several
-    # the columns of a pose or a point in each row, by role; and their name for --entry
-    chosen: dict[str, Column] | None = None
-    entry: str = ""
 
     @property
     def titles(self) -> list[str]:
-        """Of the columns."""
+        """The titles of the columns."""
         return [column.title for column in self.columns]
 
     @property
@@ -98,18 +95,10 @@ class Block:
         """The same of some rows, by where they stand in the table."""
         return replace(self, table=self.table.iloc[rows])
 
-    @property
-    def convention(self) -> Convention:
-        """Of the orientation of a pose that is chosen."""
-        return find_convention(self.chosen)
-
-    def numbers_of(self, roles: Iterable[str], blank: bool = False) -> ndarray:
-        """As `numbers` of columns that are chosen."""
-        return self.numbers([self.chosen[role] for role in roles], blank)
-
-    def units(self, roles: Iterable[str]) -> set[str]:
-        """The units that titles of columns that are chosen say."""
-        return {self.chosen[role].unit for role in roles} - {""}
+    def choosing(self, chosen: dict[str, Column], entry: str) -> "Chosen":
+        """The rows with a pose, or a point, in these columns."""
+        of_block = {field.name: getattr(self, field.name) for field in fields(Block)}
+        return Chosen(**of_block, chosen=chosen, entry=entry)
 
     @property
     def labels(self) -> dict[str, list[str]]:
@@ -121,25 +110,25 @@ class Block:
         return {self.title(c): [*map(label_of, self.table[c.at])] for c in columns}
 
     @cached_property
-    def poses(self) -> dict[str, Self]:
+    def poses(self) -> dict[str, "Chosen"]:
         """The poses of its rows, by their entries: a position, and angles of the same
         owner, or else of owners without a position; one for each convention.
         """
         if self.kind != "pose":
             return {}
-        by_owner, poses = defaultdict(dict), {}
+        by_owner: dict[str, dict[str, Column]] = defaultdict(dict)
         for column in self.columns:  # the first of a role counts
             by_owner[column.owner].setdefault(column.role, column)
         placed = {who: of for who, of in by_owner.items() if of.keys() >= {*XYZ}}
-        others = {c.role: c for c in self.columns[::-1] if c.owner not in placed}
-        for owner, columns in placed.items():
-            turns = conventions_in(columns) or conventions_in(others | columns)
-            for turn in turns:
-                names = [self.robot, owner, turn.name if len(turns) > 1 else ""]
+        loose = {c.role: c for c in self.columns[::-1] if c.owner not in placed}
+        poses = {}
+        for owner, own in placed.items():
+            conventions = conventions_in(own) or conventions_in(loose | own)
+            for one in conventions:
+                names = [self.robot, owner, one.name if len(conventions) > 1 else ""]
                 entry = " ".join(filter(None, names))
-                roles = *XYZ, *turn.columns
-                chosen = {role: (others | columns)[role] for role in roles}
-                poses[entry] = replace(self, chosen=chosen, entry=entry)
+                chosen = {role: (loose | own)[role] for role in (*XYZ, *one.columns)}
+                poses[entry] = self.choosing(chosen, entry)
         return poses
 
     @cached_property
@@ -153,21 +142,48 @@ class Block:
         return [c for role in roles for c in self.others if c.role == role]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Chosen(Block):
+    """A block with a pose, or a point, chosen in each row."""
+
+    chosen: dict[str, Column]  # its columns, by role
+    entry: str  # their name, as --entry says it
+
+    @property
+    def convention(self) -> Convention:
+        """The convention of a pose's orientation."""
+        return find_convention(self.chosen)
+
+    def numbers_of(self, roles: Iterable[str], blank: bool = False) -> ndarray:
+        """The numbers (rows, roles) of columns that are chosen, as `numbers`."""
+        return self.numbers([self.chosen[role] for role in roles], blank)
+
+    def units(self, roles: Iterable[str]) -> set[str]:
+        """The units that titles of columns that are chosen say."""
+        return {self.chosen[role].unit for role in roles} - {""}
+
+
 Blocks = list[Block]
 Files = dict[Path, Blocks]  # the blocks in each file
 
 
-def blocks_of_entry(blocks: Blocks, said: str, liked: str, what: str) -> Blocks:
+def conventions_in(roles: dict[str, Column]) -> list[Convention]:
+    """The conventions whose columns are all there."""
+    return [one for one in CONVENTIONS if roles.keys() >= {*one.columns}]
+
+
+def of_one_entry(
+    blocks: list[Chosen], said: str, liked: str, what: str
+) -> list[Chosen]:
     """The blocks of one entry: the one that a user says, or else of the robot, and
     with a word that is liked, such as flange. Raises Question for several.
     """
-
     wish = said.lower()
     preferences = (
         lambda name: wish in name,  # all, where nothing is said; none, of other files
         lambda name: wish == name,
         lambda name: not is_of_other(name),
-        lambda name: liked in name and name not in WORDS["tool"],
+        lambda name: liked in name and name not in WORDS["tool"],  # no flange_offset
     )
     entries = [*dict.fromkeys(block.entry for block in blocks)]
     for preferred in preferences:  # by what counts most first
@@ -190,16 +206,16 @@ def columns_titled(table: DataFrame, titles: list[str]) -> list[Column]:
     for name, numbered in lists_among(columns.values()).items():
         is_long = len(numbered) > LARGEST_POSE
         axis = column_titled(0, name).role if name else "z"
+        # whose they are: nobody's else, so that they are no part of a pose
+        roles, owner = [], name
         if is_long and axis in XYZ:
-            roles, owner = [axis] * len(numbered), name
+            roles = [axis] * len(numbered)
             if not name:
                 roles[0] = role_before_heights([*table[numbered[0].at]])
         elif name or titles == counted(len(titles)):
             cells = table[[column.at for column in numbered]]
             roles, owner = roles_of_list(cells, name)
-        else:
-            continue
-        for column, role in zip(numbered, roles, strict=False):
+        for column, role in zip(numbered, roles, strict=False):  # none if not known
             columns[column.at] = column._replace(role=role, owner=owner)
     return [*columns.values()]
 
@@ -216,8 +232,9 @@ def lists_among(columns: Iterable[Column]) -> dict[str, list[Column]]:
 
 
 def roles_of_list(cells: DataFrame, name: str) -> tuple[list[str], str]:
-    """The roles of a list's numbers, and whose they are: told by its name, by the
-    name's last word or by its first, or for any name by how many there are.
+    """The roles of a list's numbers, none if they are not known, and whose they are:
+    told by its name, by the name's last word or by its first, or for any name by how
+    many there are.
 
     >>> roles_of_list(DataFrame([[7, 8, 9]]), "tcp_pos")
     (['x', 'y', 'z'], 'tcp')
@@ -239,10 +256,13 @@ def roles_of_list(cells: DataFrame, name: str) -> tuple[list[str], str]:
     count = cells.shape[1]
     before, _, last = name.rpartition("_")
     first, _, after = name.partition("_")
-    # words, and whose numbers they are: nobody's by a name that is one word
-    owners = [(name, before and name), (last, before), (first, after)]
-    if after:  # as of robot_tcp_offset, from a list in a list
-        owners.append((after, after))
+    # words that may tell it, and whose numbers they then are
+    owners = [
+        (name, name if before else ""),  # q_wxyz; nobody's by one word, such as xyz
+        (last, before),  # tcp_pos
+        (first, after),  # rvec_robot
+        (after, after),  # robot_tcp_offset, a list in a list
+    ]
     if not name or count > 2:  # two numbers of any name are no x and z
         owners.append(("bare", name))
     if cells.select_dtypes("number").shape == cells.shape:
@@ -293,11 +313,13 @@ def column_titled(at: int, title: str) -> Column:
     ['mm', 'm', '']
     """
     # in letters and brackets of usual width
-    text, unit = normalize("NFKC", title).strip().lower(), ""
+    text = normalize("NFKC", title).strip().lower()
+    unit = ""
     if match := IN_BRACKETS.fullmatch(text) or BEHIND.fullmatch(text):
         text, unit = match.groups()
     name = re.sub(r"\W+", "_", text).strip("_")
-    column, words = Column(at, title, name, unit=unit), name.split("_")
+    column = Column(at, title, name, unit=unit)
+    words = name.split("_")
     for k in range(len(words)):
         if role := ROLE_OF_TITLE.get("_".join(words[k:])):
             return column._replace(role=role, owner="_".join(words[:k]))

@@ -15,7 +15,14 @@ from profilecal.geometry.progress import watched
 from profilecal.scan.folder import NO_POSES, check_header, scan_of
 from profilecal.scan.scan import Scan, checked_log
 from profilecal.scan.tables import ScanError, listed, naming
-from profilecal_tool.importing.blocks import Block, Blocks, Files, counted, label_of
+from profilecal_tool.importing.blocks import (
+    Block,
+    Blocks,
+    Chosen,
+    Files,
+    counted,
+    label_of,
+)
 from profilecal_tool.importing.pair_profiles import Pairing, Times, pair_profiles
 from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_ask
 from profilecal_tool.importing.read_file import (
@@ -44,6 +51,7 @@ from profilecal_tool.importing.tool_frames import (
 
 NOTHING_SAID = Layout()
 Families = dict[str, Files]  # the files of each pattern
+First = dict[str, Blocks]  # of the first file of each pattern that has some
 
 
 def import_scan(
@@ -59,9 +67,7 @@ def import_scan(
     header, _ = check_header(folder, about)
     poses, values, blocks, taken = read_folder(folder, layout)
     program = lines_of_program(blocks, poses.robot)
-    poses, tool, words_on_tool = of_one_tool(poses, program, blocks, layout)
-    if poses.table.empty:
-        raise ScanError(f"{poses.path}: no poses where {layout.where}")
+    poses, T_flange_tool, on_tool = of_one_tool(poses, program, blocks, layout)
     moves = [row.get("name") for row in program["uses"]]
     pairing = pair_profiles(poses, [*values.index], moves, layout)
     check_moves_beside(poses.rows_at(pairing.rows), program)
@@ -70,18 +76,18 @@ def import_scan(
     values = values.iloc[pairing.profiles]
     check_one_profile_a_pose(folder, pairing, values.index, layout)
     labels = counted(len(pairing.rows)) if pairing.times else [*values.index]
-    fields, of_poses = pose_fields(poses.rows_at(pairing.rows), labels)
-    if tool is not None:
-        fields = fields_of_flange(fields, poses, tool, layout)
+    fields, on_poses = pose_fields(poses.rows_at(pairing.rows), labels)
+    if T_flange_tool is not None:
+        fields = fields_of_flange(fields, T_flange_tool)
     if pairing.times:
         fields = in_sweeps(folder, fields, pairing.times)
     measured, empty = points_or_profiles(values)
-    taken |= {"missing": taken["missing"] + empty, "tool": words_on_tool}
-    taken |= {"matched": pairing.how} | of_poses
+    taken |= {"missing": taken["missing"] + empty, "tool": on_tool}
+    taken |= {"matched": pairing.how} | on_poses
     return scan_of(folder, header | fields | measured), taken
 
 
-def read_folder(folder: Path, layout: Layout) -> tuple[Block, Series, Blocks, Taken]:
+def read_folder(folder: Path, layout: Layout) -> tuple[Chosen, Series, Blocks, Taken]:
     """The robot's poses, the profiles under their names, all that files hold, and what
     was taken for granted. Raises ScanError.
     """
@@ -95,11 +101,12 @@ def read_folder(folder: Path, layout: Layout) -> tuple[Block, Series, Blocks, Ta
     poses = robot_poses(of_poses, layout)
     rows = len(poses.table)
     is_both = of_poses.keys() == of_profiles.keys()
-    values, taken = read_profiles(of_profiles, 0 if is_both else rows, layout)
+    expected = 0 if is_both else rows
+    values, entry, taken = read_profiles(of_profiles, expected, layout)
     counts = [*map(len, values)]
     if is_both and sum(counts) == rows:  # the pose of each profile's first row
         poses = poses.rows_at(np.cumsum([0, *counts[:-1]]))
-    entries = f"{poses.entry} {values.name}".strip()
+    entries = f"{poses.entry} {entry}".strip()
     if layout.entry.lower() not in entries.lower():
         raise ScanError(f"{folder}: no entry {layout.entry}; those read are {entries}")
     return poses, values, blocks, {"files left out": left_out} | taken
@@ -170,30 +177,49 @@ def which_hold_what(
     Raises ScanError; Question where several may.
     """
     first = {n: next(filter(None, f.values()), []) for n, f in families.items()}
-    asked = [n for n in first if first[n] and n not in (layout.poses, layout.profiles)]
-    asked.sort(key=lambda name: -len(families[name]))
-    of_poses = [n for n in asked if poses_in(first[n], layout.pose_columns)]
-    # a pose alone, beside others, is a tool's or a target's
-    rows = {n: len(families[n]) * max(len(b.table) for b in first[n]) for n in of_poses}
-    of_poses = [n for n in of_poses if rows[n] > 1] or of_poses
-    others = [n for n in asked if n not in of_poses]
-    # those of half as many files are something else, such as a reference
-    most = [n for n in others if 2 * len(families[n]) > len(families[others[0]])]
-    of_points = [n for n in most if points_of_file(first[n], layout)]
-    unclear = [n for n in others if n not in of_points]
-    # poses are in the fewest files, and profiles in those that are left
-    of_poses = of_poses or unclear[::-1]
-    pose = layout.poses or one_or_ask(folder, of_poses, "holds the poses", "poses")
-    of_points = of_points or [n for n in unclear if n != pose]
-    # or both are in the same files
-    if not of_points and points_of_file(first[pose], layout):
-        of_points = [pose]
-    return pose, layout.profiles or one_of_profiles(folder, of_points, pose, first)
+    said = layout.poses, layout.profiles
+    others = [name for name in first if first[name] and name not in said]
+    others.sort(key=lambda name: -len(families[name]))  # most files first
+    with_poses = patterns_with_poses(families, first, others, layout)
+    others = [name for name in others if name not in with_poses]
+    with_points = patterns_with_points(families, first, others, layout)
+    unclear = [name for name in others if name not in with_points]
+    # poses that no title tells are in the fewest files
+    with_poses = with_poses or unclear[::-1]
+    pose = layout.poses or one_or_ask(folder, with_poses, "holds the poses", "poses")
+    # and profiles in those that are left, or both in the same
+    with_points = with_points or [name for name in unclear if name != pose]
+    if not with_points and points_of_file(first[pose], layout):
+        with_points = [pose]
+    return pose, layout.profiles or one_of_profiles(folder, with_points, pose, first)
 
 
-def one_of_profiles(
-    folder: Path, patterns: list[str], pose: str, first: dict[str, Blocks]
-) -> str:
+def patterns_with_poses(
+    families: Families, first: First, names: list[str], layout: Layout
+) -> list[str]:
+    """Those of some patterns whose files have poses. A pose alone, beside others, is a
+    tool's or a target's.
+    """
+    found = [name for name in names if poses_in(first[name], layout.pose_columns)]
+    several = [
+        name
+        for name in found
+        if len(families[name]) > 1 or any(len(b.table) > 1 for b in first[name])
+    ]
+    return several or found
+
+
+def patterns_with_points(
+    families: Families, first: First, names: list[str], layout: Layout
+) -> list[str]:
+    """Those of some patterns, most files first, whose files have points. Those of half
+    as many files are something else, such as a reference.
+    """
+    most = [n for n in names if 2 * len(families[n]) > len(families[names[0]])]
+    return [name for name in most if points_of_file(first[name], layout)]
+
+
+def one_of_profiles(folder: Path, patterns: list[str], pose: str, first: First) -> str:
     """The one of some patterns of profiles. Raises ScanError for none; Question for
     several, which may be called as the poses are.
     """

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from profilecal.scan.conventions import CONVENTIONS, Convention
+from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.tables import ScanError, listed
 from profilecal.scan.toml import check_entries, read_toml
 
@@ -20,15 +20,27 @@ ENCODINGS = TABLE["encodings"]
 UNITS = LENGTH_UNITS | ANGLE_UNITS | TIME_UNITS
 UNIT_OF_CODE = {float(code): unit for code, unit in TABLE["nothing_seen"].items()}
 WORDS = {name: {*words.split()} for name, words in TABLE["words"].items()}
-ROLE_OF_TITLE = {}  # by title
-for role, words in TABLE["titles"].items():
-    ROLE_OF_TITLE |= dict.fromkeys([role, *words.split()], role)
-ROLE_OF_TITLE |= {name: name for name in OF_POSES}
+ROLE_OF_TITLE = {
+    title: role
+    for role, words in TABLE["titles"].items()
+    for title in (role, *words.split())
+} | {name: name for name in OF_POSES}
 FOREIGN = {word for word in (*ROLE_OF_TITLE, *UNITS) if not word.isascii()}
-ROLES_OF_LIST = defaultdict(list)  # roles by a list's word and how many numbers it has
-for roles, words in TABLE["lists"].items():
-    for word in words.split():
-        ROLES_OF_LIST[word, len(roles.split())].append(roles.split())
+
+
+def roles_of_lists(lists: dict[str, str]) -> dict[tuple[str, int], list[list[str]]]:
+    """The roles of a list's numbers, by its word and by how many they are; there may be
+    several.
+    """
+    found = defaultdict(list)
+    for line, words in lists.items():
+        roles = line.split()
+        for word in words.split():
+            found[word, len(roles)].append(roles)
+    return found
+
+
+ROLES_OF_LIST = roles_of_lists(TABLE["lists"])
 
 
 def are_pairs(value: list) -> bool:
@@ -69,8 +81,10 @@ ROBOTS = {robot.maker: robot for robot in map(robot_of, TABLE["robot"])}
 def scale_of(
     place: Any, units: set[str], usual: str, among: dict[str, float]
 ) -> tuple[float, str]:
-    """The one unit of several columns, `among` those of lengths or of angles: its scale
-    to mm or degrees, and its name. Raises ScanError.
+    """The one unit of several columns, the usual one if they have none: its scale, and
+    its name. `among`: the units of lengths, angles or times, with their scales.
+
+    Raises ScanError.
     """
     unit, *others = units or {usual}
     if others or unit not in among:
@@ -79,8 +93,3 @@ def scale_of(
             f"expected one of {listed(filter(str.isascii, among))}"
         )
     return among[unit], unit
-
-
-def conventions_in(roles: dict) -> list[Convention]:
-    """The conventions that are all there."""
-    return [one for one in CONVENTIONS if roles.keys() >= {*one.columns}]

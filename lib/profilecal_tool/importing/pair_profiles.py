@@ -1,7 +1,7 @@
 """Which pose each profile was measured at: by label, by time, in order."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +10,7 @@ from pandas import Series, to_numeric
 from pandas.api.types import is_numeric_dtype
 
 from profilecal.scan.tables import ScanError, cell_number, listed
-from profilecal_tool.importing.blocks import Block
+from profilecal_tool.importing.blocks import Chosen
 from profilecal_tool.importing.makers import TIME_UNITS, XYZ, scale_of
 from profilecal_tool.importing.questions import Layout
 
@@ -33,13 +33,13 @@ class Times(NamedTuple):
 class Pairing(NamedTuple):
     """Poses with a profile each; or, in motion, the log and all profiles."""
 
-    rows: ndarray  # of the table of poses
+    rows: ndarray  # of the table of poses: of the log, as time goes on
     how: str
     profiles: ndarray | slice = slice(None)  # which are of these poses
     times: Times | None = None  # in motion
 
 
-def pair_profiles(poses: Block, names: Names, moves: Names, layout: Layout) -> Pairing:
+def pair_profiles(poses: Chosen, names: Names, moves: Names, layout: Layout) -> Pairing:
     """The poses that have a profile, and it, by its name, "" where it has none;
     `moves`: the poses' names as a program's lines use them.
 
@@ -53,16 +53,15 @@ def pair_profiles(poses: Block, names: Names, moves: Names, layout: Layout) -> P
         names = [f"{start + k / rate:.6f}" for k in range(len(names))]
     elif pairing := paired_by_label(poses, names):
         return pairing
-    times, pairing = times_of(poses, names, layout), None
-    if times and len(times.log) > 1:
-        pairing = paired_by_time(poses, names, times)
-    return pairing or paired_in_order(poses, names, moves, times, layout)
+    times = times_of(poses, names, layout)
+    if times and (pairing := paired_by_time(poses, names, times)):
+        return pairing
+    return paired_in_order(poses, names, moves, times, layout)
 
 
-def in_order_of_poses(poses: Block, names: Names, found: ndarray, how: str) -> Pairing:
-    """The pairing of profiles whose poses were found in these rows (P,), -1: none.
-
-    Raises ScanError where none was found.
+def pairing_of(poses: Chosen, names: Names, found: ndarray, how: str) -> Pairing:
+    """The pairing of profiles whose poses were found in these rows (P,), -1: none; in
+    the order of the poses. Raises ScanError where none was found.
     """
     if (found < 0).all():
         raise ScanError(f"{poses.path}: {how}, and no profile has a pose")
@@ -77,7 +76,7 @@ def in_order_of_poses(poses: Block, names: Names, found: ndarray, how: str) -> P
 
 
 def paired_in_order(
-    poses: Block, names: Names, moves: Names, times: Times | None, layout: Layout
+    poses: Chosen, names: Names, moves: Names, times: Times | None, layout: Layout
 ) -> Pairing:
     """The poses as a program's lines use them, or as they are listed.
 
@@ -103,79 +102,27 @@ def paired_in_order(
     how = "in order of the lines that use them" if in_program else "in order"
     if times:
         both = times.log[rows], times.profiles
-        of_poses, of_profiles = (np.argsort(t, kind="stable") for t in both)
-        if (of_poses != of_profiles).any():
+        order, order_of_profiles = (np.argsort(t, kind="stable") for t in both)
+        if (order != order_of_profiles).any():
             raise ScanError(
                 f"{poses.path}: times of poses and profiles are by two clocks, and "
                 "in another order; sort the rows, or name files"
             )
         how += ", as times by two clocks, or numbers, have it"
-    return in_order_of_poses(poses, names, rows, how)
+    return pairing_of(poses, names, rows, how)
 
 
-class Match(NamedTuple):
-    """Which poses have the labels that profiles have."""
+class Way(NamedTuple):
+    """A way to compare labels and names."""
 
     is_whole: bool  # by names or several numbers, not by one number
-    share: float  # of the poses and of the profiles that it serves, the smaller one
-    rows: ndarray  # of the poses; (P,) of each profile, -1: none
-    how: str
-    keys: list  # what is compared, of the poses
-    title: str  # of the column
+    what: str
+    keys: Sequence  # of labels
+    sought: Sequence  # of names
 
 
-def paired_by_label(poses: Block, names: Names) -> Pairing | None:
-    """The pairing by the labels, and the names or numbers in them, that serve most
-    poses, and more than half of them and of the profiles.
-
-    Raises ScanError where another column says otherwise of a profile, and where a label
-    stands twice.
-    """
-    matches = [match for match in matches_of(poses, names) if match.share > 0.5]
-    if not matches:
-        return None
-    best = max(matches, key=lambda match: (match.is_whole, match.share))
-    check_others(poses, names, best, matches)
-    is_again = Series(best.keys).duplicated().to_numpy()
-    for name, row in zip(names, best.rows, strict=True):
-        if row >= 0 and is_again[row]:
-            one, other = poses.table.index[[best.keys.index(best.keys[row]), row]]
-            raise ScanError(
-                f"{poses.path} lines {one} and {other}: two poses of profile {name}; "
-                "leave one out"
-            )
-    return in_order_of_poses(poses, names, best.rows, best.how)
-
-
-def matches_of(poses: Block, names: Names) -> Iterator[Match]:
-    """The ways to compare each column of labels with the names of profiles."""
-    for title, labels in poses.labels.items():
-        for is_whole, what, keys, sought in ways_to_compare(labels, names):
-            row_of = {key: row for row, key in enumerate(keys)}  # the last called so
-            rows = np.array([row_of.get(key, -1) for key in sought])
-            share = min((rows >= 0).mean(), len({*rows} - {-1}) / len(row_of))
-            how = f"by {title} and the {what}"
-            yield Match(is_whole, share, rows, how, keys, title)
-
-
-def check_others(poses: Block, names: Names, best: Match, matches: list[Match]) -> None:
-    """Raise ScanError where a match that is as good as the best, or of another column,
-    in which a lost cell makes it serve fewer, has another pose for a profile.
-    """
-    for other in matches:
-        differs = (np.minimum(other.rows, best.rows) >= 0) & (other.rows != best.rows)
-        is_as_good = other.share == best.share or other.title != best.title
-        if other.is_whole == best.is_whole and is_as_good and differs.any():
-            name = names[differs.argmax()]
-            raise ScanError(
-                f"{poses.path}: which pose has {name}: {best.how} or {other.how}? "
-                "Rename the profiles' files, or --pose-columns: _ for other columns"
-            )
-
-
-def ways_to_compare(labels: Names, names: Names) -> Iterator[tuple]:
-    """Ways to compare: whether by more than a number, by what, what labels have, and
-    what is sought for names.
+def ways_to_compare(labels: Names, names: Names) -> Iterator[Way]:
+    """The ways to compare labels and the names of profiles.
 
     >>> for way in ways_to_compare(["p1", "p2", "p3"], ["a/scan_0.csv", "scan_1"]):
     ...     print(*way)
@@ -188,24 +135,91 @@ def ways_to_compare(labels: Names, names: Names) -> Iterator[tuple]:
 
     Names are without folder and ending; they are no names if they are only numbers.
     Several numbers, as in 1.10, are compared as a whole too, or else the last of a
-    label. Numbers as they are, or one higher: the way that fits all names, or both.
+    label. Numbers are compared as they are, or one higher where profiles count from 0
+    and poses from 1: in the way that fits all names, or in both.
     """
     stems = [*map(stem_of, names)]
     if not "".join(stems).isdigit():
-        yield True, "names", [*map(stem_of, labels)], stems
+        yield Way(True, "names", [*map(stem_of, labels)], stems)
     of_labels, of_names = [*map(numbers_in, labels)], [*map(numbers_in, names)]
     if max(map(len, of_labels)) > 1:
-        yield True, "numbers in the names", of_labels, of_names
+        yield Way(True, "numbers in the names", of_labels, of_names)
     last = [numbers[-1] if numbers else None for numbers in of_labels]
     for k, sought in enumerate(zip(*of_names, strict=False), 1):
-        shift = (0 in sought) - (0 in last)  # 1: profiles count from 0, poses from 1
+        shift = (0 in sought) - (0 in last)
         shifted = [one + shift for one in sought]
         what = f"number {k} in the names"
-        fits = {*sought} <= {*last}
-        if fits or not {*shifted} <= {*last}:
-            yield False, what, last, sought
+        fits, fits_shifted = ({*some} <= {*last} for some in (sought, shifted))
+        if fits or not fits_shifted:
+            yield Way(False, what, last, sought)
         if shift and not fits:
-            yield False, f"{what}, from 0 and from 1", last, shifted
+            yield Way(False, f"{what}, from 0 and from 1", last, shifted)
+
+
+class Match(NamedTuple):
+    """Which poses have the labels that profiles have, by one way to compare them."""
+
+    way: Way
+    title: str  # of the labels' column
+    rows: ndarray  # of the poses; (P,) of each profile, -1: none
+    share: float  # of the poses and of the profiles that it serves, the smaller one
+
+    @property
+    def how(self) -> str:
+        """What is compared."""
+        return f"by {self.title} and the {self.way.what}"
+
+
+def paired_by_label(poses: Chosen, names: Names) -> Pairing | None:
+    """The pairing by the labels, and the names or numbers in them, that serve most
+    poses, and more than half of them and of the profiles.
+
+    Raises ScanError where another column says otherwise of a profile, and where a label
+    stands twice.
+    """
+    matches = [match for match in matches_of(poses, names) if match.share > 0.5]
+    if not matches:
+        return None
+    best = max(matches, key=lambda match: (match.way.is_whole, match.share))
+    check_others(poses, names, best, matches)
+    keys = best.way.keys
+    is_again = Series(keys).duplicated().to_numpy()
+    for name, row in zip(names, best.rows, strict=True):
+        if row >= 0 and is_again[row]:
+            one, other = poses.table.index[[keys.index(keys[row]), row]]
+            raise ScanError(
+                f"{poses.path} lines {one} and {other}: two poses of profile {name}; "
+                "leave one out"
+            )
+    return pairing_of(poses, names, best.rows, best.how)
+
+
+def matches_of(poses: Chosen, names: Names) -> Iterator[Match]:
+    """The ways to compare each column of labels with the names of profiles."""
+    for title, labels in poses.labels.items():
+        for way in ways_to_compare(labels, names):
+            row_of = {key: row for row, key in enumerate(way.keys)}  # the last so
+            rows = np.array([row_of.get(key, -1) for key in way.sought])
+            share = min((rows >= 0).mean(), len({*rows} - {-1}) / len(row_of))
+            yield Match(way, title, rows, share)
+
+
+def check_others(
+    poses: Chosen, names: Names, best: Match, matches: list[Match]
+) -> None:
+    """Raise ScanError where a match that is as good as the best, or of another column,
+    in which a lost cell makes it serve fewer, has another pose for a profile.
+    """
+    for other in matches:
+        differs = (np.minimum(other.rows, best.rows) >= 0) & (other.rows != best.rows)
+        is_as_good = other.share == best.share or other.title != best.title
+        is_as_good &= other.way.is_whole == best.way.is_whole
+        if is_as_good and differs.any():
+            name = names[differs.argmax()]
+            raise ScanError(
+                f"{poses.path}: which pose has {name}: {best.how} or {other.how}? "
+                "Rename the profiles' files, or --pose-columns: _ for other columns"
+            )
 
 
 def stem_of(text: str) -> str:
@@ -236,7 +250,7 @@ def time_in(text: str, unit_s: float) -> float:
     return value
 
 
-def times_of(poses: Block, names: Names, layout: Layout) -> Times | None:
+def times_of(poses: Chosen, names: Names, layout: Layout) -> Times | None:
     """The times of poses and profiles, if all have some, in the unit of the poses; in s
     if a user says them. Raises ScanError for numbers of an unknown unit.
     """
@@ -257,10 +271,12 @@ def times_of(poses: Block, names: Names, layout: Layout) -> Times | None:
     return Times(log, profiles) if np.isfinite([*log, *profiles]).all() else None
 
 
-def paired_by_time(poses: Block, names: Names, times: Times) -> Pairing | None:
+def paired_by_time(poses: Chosen, names: Names, times: Times) -> Pairing | None:
     """The poses nearest in time, of a log only those where the robot stands still; or
     the log, where profiles were taken as the robot moved; None by another clock.
     """
+    if len(times.log) < 2:
+        return None
     order = np.argsort(times.log, kind="stable")
     t = times.log[order]
     step = np.median(np.diff(t))
@@ -285,4 +301,4 @@ def paired_by_time(poses: Block, names: Names, times: Times) -> Pairing | None:
     largest = apart[is_near].max(initial=0)
     found = np.where(is_near, order[nearest], -1)
     how = f"{how}, up to {largest:.2g} s apart"
-    return in_order_of_poses(poses, names, found, how)
+    return pairing_of(poses, names, found, how)

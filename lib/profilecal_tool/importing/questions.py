@@ -25,8 +25,9 @@ from profilecal.targets import TARGETS
 FILE = "import.toml"
 SIZES = {name for target in TARGETS.values() for name in target.size_names}
 
-
-Taken = dict[str, str]  # what was taken for granted, by what it is about
+# what was taken for granted, by what it is about: poses, pose_columns, tool, matched,
+# columns, unit, missing, files left out
+Taken = dict[str, str]
 
 
 class Question(ScanError):
@@ -133,7 +134,7 @@ def keep_header(folder: Path, partial: Path) -> None:
 
 
 def options(answers: Mapping[str, Any]) -> list[str]:
-    """Options of the command."""
+    """The words that give these answers on the command line."""
     words = []
     for name, value in answers.items():
         words += [f"--{name.replace('_', '-')}", *map(str, np.atleast_1d(value))]

@@ -1,8 +1,10 @@
 """The robot's poses: their numbers as they stand, their units, and whose they are."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from os.path import commonpath
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from pandas import DataFrame, concat, to_numeric
@@ -13,12 +15,13 @@ from profilecal.scan.tables import ScanError, Table, listed
 from profilecal_tool.importing.blocks import (
     Block,
     Blocks,
+    Chosen,
     Column,
     Files,
-    blocks_of_entry,
     columns_titled,
     counted,
     is_of_other,
+    of_one_entry,
 )
 from profilecal_tool.importing.makers import (
     ANGLE_UNITS,
@@ -32,7 +35,7 @@ from profilecal_tool.importing.makers import (
 from profilecal_tool.importing.questions import Layout, Question, Taken, ranges
 from profilecal_tool.importing.read_file import names_of
 
-Fields = dict  # of a Scan, by name
+Fields = dict[str, Any]  # of a Scan, by name
 FARTHEST_M = 20.0  # no robot reaches so far; a position in mm is farther somewhere
 NEAR_MM = 200.0  # few flanges stay so near: it may be cm or inches
 HINT = "--pose-columns says it; w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector, "
@@ -42,9 +45,18 @@ OF_ABB = named("quaternion").columns
 OF_LIBRARIES = ("qx", "qy", "qz", "qw")
 
 
-def poses_in(blocks: Blocks, said: str) -> Blocks:
+class Likely(NamedTuple):
+    """What columns likely are."""
+
+    columns: list[Column]
+    roles: Sequence[str]
+    unit: str = ""  # of those that say none
+
+
+def poses_in(blocks: Blocks, said: str) -> list[Chosen]:
     """The poses in the blocks of a file; `said`: titles from a user."""
-    titles, found = said.split(","), []
+    titles = said.split(",")
+    found: list[Chosen] = []
     for block in blocks:
         rows = block.table
         # matrices below one another, each closed by its last row
@@ -64,14 +76,14 @@ def retitled(block: Block, table: DataFrame, titles: list[str]) -> Block:
     return replace(block, table=table, columns=columns_titled(table, titles))
 
 
-def robot_poses(files: Files, layout: Layout) -> Block:
+def robot_poses(files: Files, layout: Layout) -> Chosen:
     """The robot's poses in files. Raises ScanError; Question where it is uncertain."""
-    poses = []
+    poses: list[Chosen] = []
     for path, blocks in files.items():
         found = poses_in(blocks, layout.pose_columns)
         if not found:
             raise question_on_file(path, blocks, layout.pose_columns)
-        poses += blocks_of_entry(found, layout.entry, "flange", "is the robot's pose")
+        poses += of_one_entry(found, layout.entry, "flange", "is the robot's pose")
     first = poses[0]
     check_robot(first, layout.entry)
     check_columns(first)
@@ -83,11 +95,11 @@ def robot_poses(files: Files, layout: Layout) -> Block:
     if len(files) == 1:
         return replace(first, table=table)
     # a further column of the files' names; where a row stands says the file too
-    names = names_of(files)
+    names, place = names_of(files), Path(commonpath(files))
     if len(table) > len(files) and len({path.parent for path in files}) > 1:
         raise ScanError(
-            f"{path.parent.parent}: several poses in each of {listed(names)}; import "
-            "each folder by itself; calibrate takes several scans"
+            f"{place}: several poses in each of {listed(names)}; import each folder by "
+            "itself; calibrate takes several scans"
         )
     name_of = dict(zip(files, names, strict=True))
     paths = [block.path for block in poses for _ in block.table.index]
@@ -96,10 +108,10 @@ def robot_poses(files: Files, layout: Layout) -> Block:
     pairs = zip(table.index, paths, strict=True)
     table.index = [f"{line} of {path.name}" for line, path in pairs]
     columns = [*first.columns, file]
-    return replace(first, path=Path(commonpath(files)), table=table, columns=columns)
+    return replace(first, path=place, table=table, columns=columns)
 
 
-def check_robot(poses: Block, said: str) -> None:
+def check_robot(poses: Chosen, said: str) -> None:
     """Raise Question where poses are of something else than the robot, which is not the
     entry that a user says.
     """
@@ -111,9 +123,9 @@ def check_robot(poses: Block, said: str) -> None:
         )
 
 
-def check_columns(poses: Block) -> None:
+def check_columns(poses: Chosen) -> None:
     """Raise ScanError where poses are inverses by their name, or where further columns
-    are called alike; but a second x or z may be a profile's.
+    of the same owner are called alike, but for x and z, which may be a profile's.
     """
     name = f"{poses.path.name} {poses.entry}".strip()
     if any(word in name.lower() for word in WORDS["inverse"]):
@@ -131,7 +143,8 @@ def question_on_file(path: Path, blocks: Blocks, said: str) -> ScanError:
     if not blocks:
         return ScanError(f"{path}: no poses")
     block = max(blocks, key=lambda block: len(block.columns))
-    sentence, likely = "what are they?", likely_pose(block)
+    likely = likely_pose(block)
+    sentence = "what are they?"
     if said:
         sentence = f"no pose in {said}"
     elif block.having("joint") and not likely:
@@ -139,42 +152,43 @@ def question_on_file(path: Path, blocks: Blocks, said: str) -> ScanError:
     return question_on_columns(block, sentence, *likely)
 
 
-def likely_pose(block: Block) -> list[tuple]:
+def likely_pose(block: Block) -> list[Likely]:
     """What columns of numbers likely are: three of a position, or of no known role, and
     behind them W, P, R or, of unit length, a quaternion, which may stand before them.
     """
     numeric = block.table.apply(to_numeric, errors="coerce").dropna(axis=1, how="all")
     columns = [c for c in block.columns if c.at in numeric and not is_of_other(c.name)]
     columns = [column for column in columns if column.role in {"", *OF_POSES}]
-    for position, turn in ((columns[:3], columns[3:]), (columns[4:], columns[:4])):
-        numbers = numeric[[column.at for column in turn]].to_numpy()
+    for position, rest in ((columns[:3], columns[3:]), (columns[4:], columns[:4])):
+        numbers = numeric[[column.at for column in rest]].to_numpy()
         is_unit = np.allclose(np.linalg.norm(numbers, axis=1), 1, atol=0.01)
-        roles, unit = (), ""
-        if len(turn) == 3:
-            roles, unit = FANUC, likely_angle(numbers)
-        elif len(turn) == 4 and is_unit:
-            roles = OF_ABB if turn[0].name.endswith(("0", "1")) else OF_LIBRARIES
-        if roles and [c.role for c in position] in ([*XYZ], 3 * [""]):
-            return [(position, XYZ, ""), (turn, roles, unit)]
+        orientation = None
+        if len(rest) == 3:
+            orientation = Likely(rest, FANUC, likely_angle(numbers))
+        elif len(rest) == 4 and is_unit:
+            is_abb = rest[0].name.endswith(("0", "1"))  # of q0 … q3, q1 … q4
+            orientation = Likely(rest, OF_ABB if is_abb else OF_LIBRARIES)
+        if orientation and [c.role for c in position] in ([*XYZ], 3 * [""]):
+            return [Likely(position, XYZ), orientation]
     return []
 
 
-def question_on_columns(block: Block, sentence: str, *likely: tuple) -> ScanError:
-    """What columns of poses are, by an answer that has what some likely are: columns,
-    their roles, and the unit of those that say none. Without one if nothing is likely.
+def question_on_columns(block: Block, sentence: str, *likely: Likely) -> ScanError:
+    """What columns of poses are, by an answer that has what some likely are. Without
+    one if nothing is likely.
     """
     sentence = f"{block.path}: columns {listed(block.titles)}; {sentence} ({HINT})"
     if not likely:
         return ScanError(sentence)
     answers = {column.at: column for column in block.columns if column.at >= 0}
-    for columns, roles, unit in likely:
-        for c, role in zip(columns, roles, strict=True):
-            answers[c.at] = c._replace(role=role, unit=c.unit or unit)
+    for one in likely:
+        for c, role in zip(one.columns, one.roles, strict=True):
+            answers[c.at] = c._replace(role=role, unit=c.unit or one.unit)
     titles = [column.answer for column in answers.values()]
     return Question(sentence, pose_columns=",".join(titles))
 
 
-def length_of(poses: Block) -> tuple[float, str]:
+def length_of(poses: Chosen) -> tuple[float, str]:
     """The unit of positions, mm, and its name. Raises Question where it may be cm or
     inches.
     """
@@ -187,34 +201,35 @@ def length_of(poses: Block) -> tuple[float, str]:
         if not units and FARTHEST_M <= farthest < NEAR_MM:
             doubt = f"positions up to {farthest:.4g}; cm, in or mm?"
             position = [poses.chosen[axis] for axis in XYZ]
-            raise question_on_columns(poses, doubt, (position, XYZ, "cm"))
+            raise question_on_columns(poses, doubt, Likely(position, XYZ, "cm"))
     return scale_of(poses.path, units, usual, LENGTH_UNITS)
 
 
-def angle_of(poses: Block) -> tuple[float, str]:
+def angle_of(poses: Chosen) -> tuple[float, str]:
     """The unit of angles, in that of their convention, and its name; 1 and "" for
     numbers that have none. Raises Question where it may be another.
     """
-    turn = poses.convention
-    if turn.name in ("quaternion", "matrix"):
+    convention = poses.convention
+    if convention.name in ("quaternion", "matrix"):
         return 1.0, ""
-    numbers, units = poses.numbers_of(turn.columns), poses.units(turn.columns)
+    usual = "deg" if convention.sequence else "rad"  # of a vector
+    roles = convention.columns
+    numbers, units = poses.numbers_of(roles), poses.units(roles)
+    columns = [poses.chosen[role] for role in roles]
     likely, doubt = likely_angle(numbers), ""
-    if turn.sequence:  # controllers write such angles in degrees, programmers in either
-        usual, roles = "deg", turn.columns
-        if likely and not units:
-            doubt = f"angles up to {np.abs(numbers).max():.4g}; which, rad or deg?"
-    else:  # a vector, or angles that are called like one, most often W, P, R
-        usual, roles = "rad", FANUC
+    # controllers write such angles in degrees, programmers in either
+    if convention.sequence and likely and not units:
+        doubt = f"angles up to {np.abs(numbers).max():.4g}; which, rad or deg?"
+    scale, unit = scale_of(poses.path, units, usual, ANGLE_UNITS)
+    if not convention.sequence:  # or angles that are called like a vector
         length = np.linalg.norm(numbers, axis=1).max()
         is_long = length > np.pi and not (units or poses.robot)
-        if is_long or units - {"rad", "radian", "radians"}:
+        if is_long or scale != ANGLE_UNITS["rad"]:
             what = listed(units) or "rad, longer than pi"
             doubt = f"a vector of {length:.4g} {what}; are they w, p, r?"
+            roles = FANUC  # most often
     if doubt:
-        columns = [poses.chosen[name] for name in turn.columns]
-        raise question_on_columns(poses, doubt, (columns, roles, likely))
-    scale, unit = scale_of(poses.path, units, usual, ANGLE_UNITS)
+        raise question_on_columns(poses, doubt, Likely(columns, roles, likely))
     return scale / ANGLE_UNITS[usual], unit
 
 
@@ -223,7 +238,7 @@ def likely_angle(numbers: np.ndarray) -> str:
     return "rad" if np.abs(numbers).max() <= 2 * np.pi else ""
 
 
-def pose_fields(poses: Block, labels: list[str]) -> tuple[Fields, Taken]:
+def pose_fields(poses: Chosen, labels: list[str]) -> tuple[Fields, Taken]:
     """Fields of a Scan, and what was taken for granted. Raises ScanError; Question for
     a unit.
     """
@@ -236,9 +251,9 @@ def pose_fields(poses: Block, labels: list[str]) -> tuple[Fields, Taken]:
     beside = f", not {others}" if others else ""
     name = "poses" if poses.entry in ("", "pose") else f"poses of {poses.entry}"
     words = f"{poses.path.name}: {len(labels)} {name}{beside} in {units}"
-    columns = f"{', '.join(poses.chosen)}: {poses.convention.meaning}"
+    meaning = f"{', '.join(poses.chosen)}: {poses.convention.meaning}"
     places = ranges("XYZ", numbers[:, :3] * length)
-    taken = {"poses": f"{words}: {places}", "pose_columns": columns}
+    taken = {"poses": f"{words}: {places}", "pose_columns": meaning}
     columns = dict(zip(poses.chosen, numbers.T, strict=True))
     table = Table(poses.path, {"pose": labels} | columns, poses.table.index)
     return check_poses(table, length), taken

@@ -15,11 +15,12 @@ from profilecal_tool.importing.blocks import (
     LARGEST_POSE,
     Block,
     Blocks,
+    Chosen,
     Column,
     Files,
-    blocks_of_entry,
     column_titled,
     label_of,
+    of_one_entry,
 )
 from profilecal_tool.importing.makers import (
     LENGTH_UNITS,
@@ -60,25 +61,25 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
             f"{block.path}: column {z[0].title} rises from row to row, as numbers and "
             "times do; give titles: n, z1, z2, …"
         )
-    beside = [column for column in block.columns if column not in (*x, *z)]
-    for column in beside:
+    repeated = [column for column in block.columns if column not in (*x, *z)]
+    for column in repeated:
         if {"x", "z"} <= {str(cell).lower() for cell in block.table[column.at]}:
             raise ScanError(
                 f"{block.path}: by column {column.title}, rows are of x and of z by "
                 "turns; give columns x1, z1, x2, z2, …"
             )
-    rows = block.table[[column.at for column in beside]]
+    rows = block.table[[column.at for column in repeated]]
     table = rows.loc[rows.index.repeat(len(z))]
     of_x = x[0].unit if len(x) == len(z) else ""
     further = (
-        ("nth", "", np.arange(len(heights))[:, None]),
-        ("profile x", of_x, x_of_heights(block, layout)),
-        ("profile z", z[0].unit, heights),
+        (Column(-1, "nth", role="nth"), np.arange(len(heights))[:, None]),
+        (Column(-1, "x", "x", "x", "profile", of_x), x_of_heights(block, layout)),
+        (Column(-1, "z", "z", "z", "profile", z[0].unit), heights),
     )
-    for at, (title, unit, cells) in enumerate(further, len(block.columns)):
+    for at, (column, cells) in enumerate(further, len(block.columns)):
         table[at] = np.broadcast_to(cells, heights.shape).ravel()
-        beside.append(column_titled(at, title)._replace(unit=unit))
-    return replace(block, table=table, columns=beside)
+        repeated.append(column._replace(at=at))
+    return replace(block, table=table, columns=repeated)
 
 
 def x_of_heights(block: Block, layout: Layout) -> ndarray:
@@ -108,7 +109,7 @@ def x_of_heights(block: Block, layout: Layout) -> ndarray:
     return start + pitch * counts
 
 
-def points_in(block: Block, said: str) -> Block | None:
+def points_in(block: Block, said: str) -> Chosen | None:
     """The points of a block, by the columns that a user says, or else by titles.
 
     Raises ScanError; Question for several.
@@ -129,7 +130,7 @@ def points_in(block: Block, said: str) -> Block | None:
         raise ScanError(f"--columns {said}: x and z are one column")
     # without an owner, blocks of the same titles are one entry
     entry = x.owner or ",".join(block.titles[:4])
-    return replace(block, chosen={"x": x, "z": z}, entry=entry)
+    return block.choosing({"x": x, "z": z}, entry)
 
 
 def columns_said(block: Block, said: str) -> list[Column]:
@@ -145,7 +146,7 @@ def columns_said(block: Block, said: str) -> list[Column]:
     return [c._replace(unit=unit or c.unit) for c, unit in found if c]
 
 
-def points_of_file(blocks: Blocks, layout: Layout) -> Blocks:
+def points_of_file(blocks: Blocks, layout: Layout) -> list[Chosen]:
     """The points in the blocks of a file, of one entry; none where the largest block
     has none. Raises Question.
     """
@@ -154,14 +155,16 @@ def points_of_file(blocks: Blocks, layout: Layout) -> Blocks:
     if not largest or not points_in(largest, layout.columns):
         return []
     found = [points for b in blocks if (points := points_in(b, layout.columns))]
-    return blocks_of_entry(found, layout.entry, "profile", "is the profile")
+    return of_one_entry(found, layout.entry, "profile", "is the profile")
 
 
-def read_profiles(files: Files, stops: int, layout: Layout) -> tuple[Series, Taken]:
+def read_profiles(
+    files: Files, expected: int, layout: Layout
+) -> tuple[Series, str, Taken]:
     """The points (n, 2) mm of each profile, NaN where nothing was seen, under its name,
-    "" if it has none; all under their entry; and what was taken for granted. A file
-    among several has one profile. `stops`: how many one alone should have, 0 if that is
-    not known.
+    "" if it has none; their entry; and what was taken for granted. A file among several
+    has one profile. `expected`: how many a table alone should have, 0 if that is not
+    known.
 
     Raises ScanError.
     """
@@ -171,16 +174,16 @@ def read_profiles(files: Files, stops: int, layout: Layout) -> tuple[Series, Tak
     if not tables:
         raise ScanError(f"{place}: no profiles in these rows")
     if len(files) == 1:
-        expected = stops if len(tables) == 1 else 0
+        expected = expected if len(tables) == 1 else 0
         rows = concat([rows_of_each(points, expected, layout) for points in tables])
     else:
         rows = Series([rows_of_one(each, layout) for each in found], names_of(files))
     xz, taken = in_mm(place, tables, layout)
     values = np.split(xz, np.cumsum(rows)[:-1])
-    return Series(values, rows.index, name=tables[0].entry), taken
+    return Series(values, rows.index), tables[0].entry, taken
 
 
-def points_or_ask(blocks: Blocks, layout: Layout) -> Blocks:
+def points_or_ask(blocks: Blocks, layout: Layout) -> list[Chosen]:
     """The points in a file; none of one that is empty. Raises ScanError."""
     tables = points_of_file(blocks, layout)
     if not tables and any(len(block.table) > 1 for block in blocks):
@@ -188,7 +191,7 @@ def points_or_ask(blocks: Blocks, layout: Layout) -> Blocks:
     return tables
 
 
-def rows_of_one(tables: Blocks, layout: Layout) -> int:
+def rows_of_one(tables: list[Chosen], layout: Layout) -> int:
     """How many rows the one profile in a file has, whose tables are below one another.
 
     Raises ScanError for tables between blank lines: no title tells what they are.
@@ -200,7 +203,7 @@ def rows_of_one(tables: Blocks, layout: Layout) -> int:
     return sum(rows_of_each(points, 1, layout).sum() for points in tables)
 
 
-def rows_of_each(points: Block, expected: int, layout: Layout) -> Series:
+def rows_of_each(points: Chosen, expected: int, layout: Layout) -> Series:
     """How many rows each profile in a table has, under its name, or its sheet's; which
     row is of which, `profile_of_each_row` tells. Raises Question.
     """
@@ -210,7 +213,7 @@ def rows_of_each(points: Block, expected: int, layout: Layout) -> Series:
     return Series(rows, names or [points.sheet] * len(rows))
 
 
-def profile_of_each_row(points: Block, expected: int) -> tuple[ndarray, list[str]]:
+def profile_of_each_row(points: Chosen, expected: int) -> tuple[ndarray, list[str]]:
     """The profile of each row, from 0, and what profiles are called, if they are. So
     many are expected, 0 where that is not known; if several, or not known, they are
     told by the first of these that the table has::
@@ -228,6 +231,7 @@ def profile_of_each_row(points: Block, expected: int) -> tuple[ndarray, list[str
     rows = len(points.table)
     if expected == 1:
         return np.zeros(rows, int), []
+    # a t that is no angle of o, a, t is a time
     for column in points.having("label", "time", "t", "nth"):
         cells = points.table[column.at].ffill()  # a label may stand once for many rows
         profile, labels = factorize(cells, use_na_sentinel=False)
@@ -247,7 +251,7 @@ def profile_of_each_row(points: Block, expected: int) -> tuple[ndarray, list[str
     return profile - profile[0], []
 
 
-def check_one_section(points: Block, profile: ndarray, layout: Layout) -> None:
+def check_one_section(points: Chosen, profile: ndarray, layout: Layout) -> None:
     """Raise Question where rows of a profile are of several scanners or sections, or
     lie along y.
     """
@@ -286,7 +290,7 @@ def question_on_points(blocks: Blocks, said: str) -> ScanError:
     return Question(sentence, columns=",".join(likely))
 
 
-def in_mm(place: Path, tables: Blocks, layout: Layout) -> tuple[ndarray, Taken]:
+def in_mm(place: Path, tables: list[Chosen], layout: Layout) -> tuple[ndarray, Taken]:
     """The points (n, 2) of tables as mm, NaN where nothing was seen; and what was taken
     for granted. Raises ScanError; Question where a code or the unit is uncertain.
     """
@@ -296,22 +300,31 @@ def in_mm(place: Path, tables: Blocks, layout: Layout) -> tuple[ndarray, Taken]:
     xz[unseen] = np.nan
     if unseen.all():
         raise ScanError(f"{place}: nothing was seen in any profile")
-    # else a user says that no height stands for nothing (--missing 1e9)
-    if layout.missing in (None, *codes):
+    # a user may say that no height stands for nothing (--missing 1e9)
+    is_none_said = layout.missing not in (None, *codes)
+    if not is_none_said:
         check_codes(place, xz[~unseen], layout)
-    of_codes = {UNIT_OF_CODE.get(code, "") for code in codes} - {""}
-    units = {column.unit for points in tables for column in points.chosen.values()}
-    # x or z without a unit, beside the other in um, is none in um
-    stated = {layout.unit} - {""} or (of_codes if units == {""} else units)
-    scale, unit = scale_of(place, {u or "mm" for u in stated}, "mm", LENGTH_UNITS)
+    units = units_said(tables, codes, layout)
+    scale, unit = scale_of(place, units, "mm", LENGTH_UNITS)
     xz *= scale
-    check_size(place, xz, scale, bool(stated))
+    check_size(place, xz, scale, bool(units))
     words = listed(f"{code:.12g}" for code in codes) or "blank"
     first = tables[0]
     titles = ",".join(map(first.title, first.chosen.values()))
     columns = f"{titles}: {ranges('XZ', xz)}"
     missing = f"{words}: {unseen.sum()} of {len(xz)} points"
     return xz, {"columns": columns, "unit": unit, "missing": missing}
+
+
+def units_said(tables: list[Chosen], codes: list[float], layout: Layout) -> set[str]:
+    """The units of points that a user says, or titles, or codes for nothing seen."""
+    if layout.unit:
+        return {layout.unit}
+    of_titles = {column.unit for points in tables for column in points.chosen.values()}
+    if of_titles == {""}:
+        return {UNIT_OF_CODE.get(code, "") for code in codes} - {""}
+    # x or z without a unit, beside the other in um, is none in um
+    return {unit or "mm" for unit in of_titles}
 
 
 def codes_in(z: ndarray, layout: Layout) -> list[float]:

@@ -5,12 +5,13 @@ from collections.abc import Sequence
 from itertools import chain
 
 import numpy as np
+from numpy import ndarray
 from pandas import DataFrame
 
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import Convention, named, pose_matrices
 from profilecal.scan.tables import ScanError, listed, naming
-from profilecal_tool.importing.blocks import Block, Blocks, label_of
+from profilecal_tool.importing.blocks import Blocks, Chosen, label_of
 from profilecal_tool.importing.makers import ROBOTS, WORDS, XYZ
 from profilecal_tool.importing.program_lines import OF_MOVES
 from profilecal_tool.importing.questions import Layout, Question
@@ -32,10 +33,10 @@ def lines_of_program(blocks: Blocks, maker: str) -> Program:
     return program
 
 
-def tools_in_data(blocks: Blocks, poses: Block) -> list[Row]:
+def tools_in_data(blocks: Blocks, poses: Chosen, length: float) -> list[Row]:
     """Frames that no program of these poses declares: poses that do not change and are
     called a tool; and tools of programs beside poses in a table. Without numbers where
-    these are, or may be, in other units.
+    these are, or may be, in other units than the poses', of this length, mm.
     """
     tools = []
     for block in blocks:
@@ -46,7 +47,7 @@ def tools_in_data(blocks: Blocks, poses: Block) -> list[Row]:
             if name not in WORDS["tool"]:
                 continue
             numbers = frame.numbers_of(frame.chosen)
-            reach_mm = np.abs(numbers[:, :3]).max() * length_of(poses)[0]
+            reach_mm = np.abs(numbers[:, :3]).max() * length
             is_in_m = 0 < reach_mm < 1  # for no tool is so short
             if is_in_m or frame.units(frame.chosen) - poses.units(poses.chosen):
                 numbers[:] = np.nan
@@ -60,8 +61,8 @@ def tools_in_data(blocks: Blocks, poses: Block) -> list[Row]:
 
 
 def of_one_frame(
-    poses: Block, program: Program, which: str, layout: Layout
-) -> tuple[Block, str]:
+    poses: Chosen, program: Program, which: str, layout: Layout
+) -> tuple[Chosen, str]:
     """The poses of one frame, and its name: the one that a user wants, or else the only
     one that there is; "" if none is known. `which`: "tool" or "base".
 
@@ -90,8 +91,9 @@ def of_one_frame(
     only = frames[0] if frames else ""
     labels = {label.lower() for label in poses.labels.get("name", [""])}
     is_of_each = of_all or cells or labels <= of_pose.keys()
-    # that some poses have no tool says nothing of the others
-    return poses, only if is_of_each or only not in WORDS[f"no_{which}"] else ""
+    if only in WORDS[f"no_{which}"] and not is_of_each:
+        only = ""  # that some poses have no tool says nothing of the others
+    return poses, only
 
 
 def frames_said(program: Program, which: str) -> tuple[dict[str, list], list]:
@@ -107,7 +109,7 @@ def frames_said(program: Program, which: str) -> tuple[dict[str, list], list]:
 
 
 def question_on_frames(
-    poses: Block, frames: list[str], which: str, of_all: list[str]
+    poses: Chosen, frames: list[str], which: str, of_all: list[str]
 ) -> Question:
     """Of which frame the poses are: likely of that of all, or else of the one that is
     used most often; of equals a program's first tool, but in a table the flange.
@@ -120,7 +122,7 @@ def question_on_frames(
     return Question(f"{several}; of which are the poses?", where=f"{which}={answer}")
 
 
-def without(poses: Block, names: set[str]) -> Block:
+def without(poses: Chosen, names: set[str]) -> Chosen:
     """The poses but for those of some names, in small letters."""
     labels = poses.labels.get("name", [])
     kept = [row for row, label in enumerate(labels) if label.lower() not in names]
@@ -128,24 +130,28 @@ def without(poses: Block, names: set[str]) -> Block:
 
 
 def of_one_tool(
-    poses: Block, program: Program, blocks: Blocks, layout: Layout
-) -> tuple[Block, Numbers | None, str]:
-    """The poses of one tool, as their program and blocks of all files say; its numbers,
-    None for the flange; and words on it.
+    poses: Chosen, program: Program, blocks: Blocks, layout: Layout
+) -> tuple[Chosen, ndarray | None, str]:
+    """The poses of one tool, as their program and blocks of all files say; where it is
+    on the flange (4, 4), mm, None for the flange itself; and words on it.
 
     Raises ScanError; Question.
     """
     poses, base = of_one_frame(poses, program, "base", layout)
     poses, tool = of_one_frame(poses, program, "tool", layout)
-    numbers, words = None, "none; taken for the flange's poses"
+    if poses.table.empty:
+        raise ScanError(f"{poses.path}: no poses where {layout.where}")
+    length, unit = length_of(poses)
+    T_flange_tool, words = None, "none; taken for the flange's poses"
     if layout.tool:
-        numbers, words = layout.tool, "the one given, taken off"
+        T_flange_tool = matrix_of(layout.tool, 1.0, convention_of_tool(poses), poses)
+        words = "the one given, taken off"
     else:
         kind = ROBOTS[poses.robot].tools_in if tool and poses.robot else "tool"
-        rows = program[kind] + tools_in_data(blocks, poses)
+        rows = program[kind] + tools_in_data(blocks, poses, length)
         numbers = numbers_of_tool(poses, rows, tool)
         if numbers:
-            _, unit = length_of(poses)
+            T_flange_tool = matrix_of(numbers, length, poses.convention, poses)
             words = f"{tool or 'one'} at {[*numbers[:3]]} {unit}, taken off"
         if kind == "pose":
             poses = without(poses, {tool})
@@ -153,10 +159,21 @@ def of_one_tool(
         words += f"; in base {base}, not taken off"
     if program["beside"]:
         words += "; moves beside poses, such as offsets, are not read"
-    return poses, numbers, words
+    return poses, T_flange_tool, words
 
 
-def numbers_of_tool(poses: Block, rows: list[Row], tool: str) -> Numbers | None:
+def matrix_of(
+    numbers: Numbers, length: float, convention: Convention, poses: Chosen
+) -> ndarray:
+    """A tool's frame on the flange (4, 4), mm, from its position, of this length, and
+    its angles, in the unit of the poses'.
+    """
+    angle, _ = angle_of(poses)
+    position, angles = np.split(np.array([numbers]), [3], axis=1)
+    return pose_matrices(position * length, angles * angle, convention.name)[0]
+
+
+def numbers_of_tool(poses: Chosen, rows: list[Row], tool: str) -> Numbers | None:
     """The numbers of the tool that poses have, by its name, "" if none is known; None
     where they are the flange's. `rows` say of tools their names and their numbers, in
     the poses' convention. Raises Question.
@@ -190,7 +207,7 @@ def numbers_of_tool(poses: Block, rows: list[Row], tool: str) -> Numbers | None:
     return None
 
 
-def check_moves_beside(poses: Block, program: Program) -> None:
+def check_moves_beside(poses: Chosen, program: Program) -> None:
     """Raise ScanError where lines move beside one of these poses, and none to it."""
     names = {kind: {row.get("name") for row in program[kind]} for kind in OF_MOVES}
     beside = names["beside"] - names["uses"]
@@ -201,7 +218,7 @@ def check_moves_beside(poses: Block, program: Program) -> None:
         )
 
 
-def convention_of_tool(poses: Block) -> Convention:
+def convention_of_tool(poses: Chosen) -> Convention:
     """Of a tool's angles, as a user says them: the poses', or W, P, R where these have
     no three.
     """
@@ -209,16 +226,8 @@ def convention_of_tool(poses: Block) -> Convention:
     return turn if len(turn.columns) == 3 else named("FANUC angles")
 
 
-def fields_of_flange(
-    fields: Fields, poses: Block, tool: Numbers, layout: Layout
-) -> Fields:
-    """Fields of a Scan with the flange's poses in place of the tool's (3 + k,)."""
-    turn, length, (angle, _) = poses.convention, length_of(poses)[0], angle_of(poses)
-    if layout.tool:  # which a user says in mm
-        turn, length = convention_of_tool(poses), 1.0
-    position, angles = np.split(np.array([tool]), [3], axis=1)
-    T_flange_tool = pose_matrices(position * length, angles * angle, turn.name)
-    # what the fields say of the flange is so far of the tool
+def fields_of_flange(fields: Fields, T_flange_tool: ndarray) -> Fields:
+    """Fields of a Scan with the flange's poses in place of the tool's."""
     T_base_tool = homogeneous(fields["R_base_flange"], fields["p_base_flange"])
     T = T_base_tool @ np.linalg.inv(T_flange_tool)
     flange = {"R_base_flange": T[:, :3, :3], "p_base_flange": T[:, :3, 3]}
