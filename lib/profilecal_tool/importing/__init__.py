@@ -9,12 +9,18 @@ Out: a `Scan`, and what was taken for granted; or a `Question` with its answer.
 1. `questions` has what a user says, and what is asked; `makers` says what makers.toml
    does. `blocks` tells what a column is by its title, and in a list by how many numbers
    there are; what it does not know is asked.
-2. `read_file` reads tables of text and sheets, `program_lines` programs, and
-   `lists_and_arrays` JSON, YAML, arrays.
+2. `folder_files` has the files of a folder, and `read_file` reads each: `text_tables`
+   tables of text, `program_lines` programs, `lists_and_arrays` JSON, YAML, arrays.
 3. `robot_poses` and `scanner_profiles` choose columns of blocks and take their numbers,
-   with units. In a table that holds both, a profile has the pose of its first row.
+   with units, for points by `points_in_mm`. Before, `heights` makes profiles of a row
+   each a row for each point. In a table that holds poses and profiles, a profile has
+   the pose of its first row.
 4. `pair_profiles` finds the pose of each profile: by label, by time, in order.
 5. `tool_frames` takes a tool off; `import_scan` makes the scan.
+
+Profiles and poses are left out where `pair_profiles` finds no partner (`matched` says
+so), where their files are of no pattern that is read (`files left out`), where rows are
+not wanted, and where fewer than two points were seen (`missing`: "empty").
 
 Words, each for one thing::
 

@@ -23,14 +23,15 @@ from profilecal_tool.importing.blocks import (
     counted,
     label_of,
 )
-from profilecal_tool.importing.pair_profiles import Pairing, Times, pair_profiles
-from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_ask
-from profilecal_tool.importing.read_file import (
-    blocks_in_file,
+from profilecal_tool.importing.folder_files import (
     files_matching,
     patterns_of,
     sorted_files,
 )
+from profilecal_tool.importing.heights import with_a_point_a_row
+from profilecal_tool.importing.pair_profiles import Pairing, Times, pair_profiles
+from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_ask
+from profilecal_tool.importing.read_file import blocks_in_file
 from profilecal_tool.importing.robot_poses import (
     Fields,
     pose_fields,
@@ -40,7 +41,6 @@ from profilecal_tool.importing.robot_poses import (
 from profilecal_tool.importing.scanner_profiles import (
     points_of_file,
     read_profiles,
-    with_a_point_a_row,
 )
 from profilecal_tool.importing.tool_frames import (
     check_moves_beside,

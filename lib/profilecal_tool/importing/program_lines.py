@@ -50,7 +50,7 @@ def blanked(expression: str | re.Pattern, text: str) -> str:
     return re.sub(expression, lambda match: re.sub(r"[^\n]", " ", match[0]), text)
 
 
-def matches_of(forms: list[str], text: str) -> tuple[DataFrame, str]:
+def rows_by_forms(forms: list[str], text: str) -> tuple[DataFrame, str]:
     """What stands in lines of these forms, by the number of the line, and the text
     without them.
     """
@@ -90,7 +90,7 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
             if robot.has not in text and kind != "tool":
                 continue
             forms = [form for form, _ in getattr(robot, kind)]
-            table, without = matches_of(forms, rest)
+            table, without = rows_by_forms(forms, rest)
             # a move may have a pose in it, which comes later; an offset is none
             if kind not in OF_MOVES or "x" in table:
                 rest = without

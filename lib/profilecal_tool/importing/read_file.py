@@ -1,44 +1,21 @@
-"""Which files a folder has; a file of any kind as blocks; tables of delimited text,
-which are lines of as many fields that follow each other, and of sheets.
-"""
+"""A file of any kind as blocks: text and sheets here, and what other modules read."""
 
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from glob import escape, glob
-from io import BytesIO
-from itertools import islice
 from pathlib import Path
 
-import numpy as np
-from pandas import DataFrame, read_csv, read_excel
+from pandas import read_excel
 
-from profilecal.geometry.progress import watched
-from profilecal.scan.tables import NOTHING, ScanError, cell_number, naming, text_of
-from profilecal_tool.importing.blocks import (
-    Block,
-    column_titled,
-    columns_titled,
-    counted,
-)
+from profilecal.scan.tables import ScanError, naming, text_of
+from profilecal_tool.importing.blocks import Block
+from profilecal_tool.importing.folder_files import BINARY, SHEETS
 from profilecal_tool.importing.lists_and_arrays import binary_blocks, nested_blocks
-from profilecal_tool.importing.makers import ENCODINGS, FOREIGN, UNITS
+from profilecal_tool.importing.makers import ENCODINGS, FOREIGN
 from profilecal_tool.importing.program_lines import OF_MOVES, program_blocks
+from profilecal_tool.importing.text_tables import BEGIN, text_blocks
 
-SHEETS = {".xlsx", ".xlsm"}
-BINARY = {".npy", ".npz", ".mat", ".ply"}
 NESTED = {".json", ".jsonl", ".ndjson", ".yaml", ".yml"}
-MARKS = b"#% \r\n"  # around titles
-BEGIN = 100_000  # characters that tell what a table is like
-HEAD = 50  # lines within which numbers begin
-EDGES = " \"'"  # of cells
-Rows = list[list[str]]  # the cells of lines
-AS_IT_IS = {
-    "header": None,
-    "index_col": False,
-    "skipinitialspace": True,
-    "na_values": [*NOTHING, "Invalid", "INVALID", ".Nan", "-"],
-}
 
 
 def blocks_in_file(path: Path, encoding: str) -> Iterable[Block]:
@@ -60,7 +37,7 @@ def blocks_in_file(path: Path, encoding: str) -> Iterable[Block]:
 
 def decoded_text(path: Path, encoding: str) -> str:
     """A file's text; where it is not UTF-8, and no one says what, in the encoding in
-    which most words of other scripts are known titles or units. Raises ScanError.
+    which most words are known. Raises ScanError.
     """
     try:
         return text_of(path, encoding=encoding)
@@ -68,203 +45,16 @@ def decoded_text(path: Path, encoding: str) -> str:
         if encoding:
             raise
         begin = path.read_bytes()[:BEGIN]
-
-    def words_known(name: str) -> int:
-        """How many words are known, in this encoding."""
-        words = re.findall(r"[^\W\d]+|°", begin.decode(name, "ignore").lower())
-        return sum(word in FOREIGN for word in words)
-
-    return text_of(path, encoding=max(ENCODINGS, key=words_known))
+        likely = max(ENCODINGS, key=lambda name: words_known(begin, name))
+        return text_of(path, encoding=likely)
 
 
-def patterns_of(folder: Path, given: list[str]) -> dict[Path, str]:
-    """The pattern of each file: the last of those given that takes it; or else its name
-    with * for numbers, as scan_*.csv. Raises ScanError where there are no files.
+def words_known(begin: bytes, encoding: str) -> int:
+    """How many words of other scripts a text has, in this encoding, that are titles or
+    units.
     """
-    patterns = {}
-    for pattern in given:
-        patterns |= dict.fromkeys(files_matching(folder, pattern), pattern)
-    for path in sorted_files(folder, "**/*"):
-        if path not in patterns and is_readable(path):
-            patterns[path] = re.sub(r"\d+", "*", escape(str(path.relative_to(folder))))
-    if not patterns:
-        raise ScanError(f"{folder}: no files; is the folder right?")
-    return patterns
-
-
-def files_matching(folder: Path, pattern: str) -> list[Path]:
-    """The files of a pattern in a folder; or one elsewhere. Raises ScanError."""
-    paths = sorted_files(folder, pattern) or [Path(pattern)]
-    if not paths[0].is_file():
-        raise ScanError(f"{folder}: no file matches {pattern!r}; is the folder right?")
-    return paths
-
-
-def sorted_files(folder: Path, pattern: str) -> list[Path]:
-    """The files of a pattern in a folder, p2 before p10."""
-    inside = glob(pattern, root_dir=folder, recursive=True)
-    paths = filter(Path.is_file, map(folder.joinpath, inside))
-    return sorted(paths, key=lambda p: re.sub(r"\d+", lambda d: d[0].zfill(20), str(p)))
-
-
-def names_of(paths: Iterable[Path]) -> list[str]:
-    """What files are called; with their folders where these tell them apart."""
-    names = [path.stem for path in paths]
-    if len({*names}) == len(names):
-        return names
-    return [f"{path.parent.name}/{path.stem}" for path in paths]
-
-
-def is_readable(path: Path) -> bool:
-    """Whether a file can be read: it is no picture."""
-    with path.open("rb") as file:
-        begin = file.read(4096)
-    is_text = begin[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" not in begin  # UTF-16
-    return is_text or path.suffix.lower() in BINARY | SHEETS
-
-
-def dialect(text: str) -> tuple[str | None, bool]:
-    """What stands between columns (None: spaces), and whether commas are decimal ones.
-
-    >>> dialect("1,2")
-    (',', False)
-    >>> dialect("1;2,5")
-    (';', True)
-    >>> dialect("1,433;2.5;")  # with a point, they are no decimal ones
-    (';', False)
-    >>> dialect("1,5 2,5")  # one before a space, and one behind it
-    (None, True)
-    >>> dialect("x|z" + 2 * "\\n1|2")  # in most rows of numbers
-    ('|', True)
-    """
-    rows = [line for line in text.splitlines() if re.search(r"\d", line)]
-    most = len(rows) / 2
-    mark = next((m for m in ";\t|," if sum(m in row for row in rows) > most), None)
-    if mark == "," and re.search(r"\d,\d+[ ]+[-+]?\d+,\d", text):
-        mark = None
-    has_points = re.search(r"\d,\d+[;\t ]+[-+]?\d+\.\d+[;\s]", text)
-    return mark, mark != "," and not has_points
-
-
-def runs_of_lines(path: Path, content: bytes, between: bytes | None) -> Iterator[tuple]:
-    """The first line, the end, and the offset in bytes of each run of lines that have
-    equally many fields. Blank lines end a run, and so do remarks below numbers.
-    """
-    at_top, lines = True, content.count(b"\n")
-    begin = end = offset_of_run = offset = fields = 0
-    for line in watched(BytesIO(content), f"reading {path.name}", lines):
-        cells = line.strip(MARKS)
-        if line[0] not in b"#%":
-            at_top = at_top and not re.search(rb"\d", cells)
-        elif not at_top:
-            cells = b""
-        count = len(cells.split(between)) if cells else 0
-        if count != fields:
-            if fields:
-                yield begin, end, offset_of_run
-            begin, offset_of_run, fields = end, offset, count
-        end += 1
-        offset += len(line)
-    if fields:
-        yield begin, end, offset_of_run
-
-
-def cells_of(lines: Iterable[bytes], between: bytes | None) -> Rows:
-    """The text of each cell of lines."""
-    rows = [line.strip(MARKS).split(between) for line in lines]
-    return [[c.decode(errors="ignore").strip(EDGES) for c in row] for row in rows]
-
-
-def row_where_numbers_begin(rows: Rows) -> int:
-    """The first row of numbers; their end if there is none. It has two numbers, or one
-    and no word; and no word of it stands above a number, if it is not below titles,
-    where it is a label. Rows of nothing, blanks or NaN, just above belong to it.
-
-    >>> row_where_numbers_begin([["n", "x", "z"], ["p1", "1", "2"], ["p2", "1", "3"]])
-    1
-    >>> row_where_numbers_begin([["x", "z"], ["", ""], ["nan", "nan"], ["1", "2"]])
-    1
-    >>> row_where_numbers_begin([["FOV", "9", "9"], ["7", "8", "9"]])  # a head
-    1
-    >>> row_where_numbers_begin([["pitch", "2"], ["x", "z"], ["1", "2"]])
-    2
-    >>> row_where_numbers_begin([["x", "z"], ["mm", "mm"]])
-    2
-    """
-    # NaN for nothing, infinity for a word
-    values = [[*map(cell_number, row)] for row in rows]
-    first = 0  # behind the last row that is none of numbers
-    for k, row in enumerate(values):
-        words, numbers = np.isinf(row), np.isfinite(row)
-        is_title = k + 1 < len(values) and (words & np.isfinite(values[k + 1])).any()
-        is_below_titles = k and np.isinf(values[k - 1]).all()
-        least = 2 if words.any() else 1
-        if (is_below_titles or not is_title) and numbers.sum() >= least:
-            return first
-        if words.any():
-            first = k + 1
-    return first
-
-
-def titles_in(rows: Rows) -> list[str]:
-    """The last row of words, or the one above it with the units that it says."""
-    if not rows:
-        return []
-    units = [cell.strip("[]()").lower() for cell in rows[-1]]
-    if len(rows) < 2 or sum(unit in UNITS for unit in units) < 2:
-        return rows[-1]
-    cells = zip(rows[-2], units, strict=True)
-    return [f"{title} [{unit}]" if unit in UNITS else title for title, unit in cells]
-
-
-def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
-    """The blocks of a text: runs of lines of as many fields, from where numbers begin,
-    with titles of an earlier run if they have none. Raises ScanError for a lost field.
-    """
-    mark, has_decimal_commas = dialect(content[:BEGIN].decode(errors="ignore"))
-    between = mark and mark.encode()
-    if has_decimal_commas:  # they become points, which are as long
-        for digit in "0123456789":  # 10 times faster than an expression
-            content = content.replace(f",{digit}".encode(), f".{digit}".encode())
-    stream = BytesIO(content)
-    above, end_above = [], 0  # titles above, and the end of the table that has them
-    for begin, end, offset in runs_of_lines(path, content, between):
-        stream.seek(offset)
-        head = cells_of(islice(stream, min(end - begin, HEAD)), between)
-        first = row_where_numbers_begin(head)
-        if first == len(head):
-            continue
-        count, titles = len(head[0]), titles_in(head[:first])
-        if not titles and count == len(above):
-            titles = above
-        if titles:
-            above, end_above = titles, end
-        elif above and (begin == end_above or count == len(above) - 1):  # one is lost
-            raise ScanError(
-                f"{path} line {begin + 1}: {count} fields; expected {len(above)}, as "
-                "above (--poses and --profiles say which files to read)"
-            )
-        titles = titles or counted(count)
-        stream.seek(offset)
-        rows = {"skiprows": first, "nrows": end - begin - first}
-        table = table_in(stream, titles, mark, rows)
-        table.index += begin + first + 1
-        yield Block(path, table, columns_titled(table, titles))
-
-
-def table_in(
-    stream: BytesIO, titles: list[str], mark: str | None, rows: dict
-) -> DataFrame:
-    """The table in some rows of a text; labels stay text, for 1.10 is not 1.1."""
-    labels = [k for k, t in enumerate(titles) if column_titled(k, t).role == "label"]
-    return read_csv(
-        stream,
-        names=range(len(titles)),
-        dtype=dict.fromkeys(labels, str),
-        sep=mark or r"\s+",
-        **rows,
-        **AS_IT_IS,
-    )
+    words = re.findall(r"[^\W\d]+|°", begin.decode(encoding, "ignore").lower())
+    return sum(word in FOREIGN for word in words)
 
 
 def sheet_blocks(path: Path) -> Iterator[Block]:

@@ -23,6 +23,7 @@ from profilecal_tool.importing.blocks import (
     is_of_other,
     of_one_entry,
 )
+from profilecal_tool.importing.folder_files import names_of
 from profilecal_tool.importing.makers import (
     ANGLE_UNITS,
     LENGTH_UNITS,
@@ -33,7 +34,6 @@ from profilecal_tool.importing.makers import (
     scale_of,
 )
 from profilecal_tool.importing.questions import Layout, Question, Taken, ranges
-from profilecal_tool.importing.read_file import names_of
 
 Fields = dict[str, Any]  # of a Scan, by name
 FARTHEST_M = 20.0  # no robot reaches so far; a position in mm is farther somewhere

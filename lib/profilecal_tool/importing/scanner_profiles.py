@@ -1,7 +1,5 @@
-"""Profiles in files: their points, in mm, and what tells them apart."""
+"""Profiles in files: their points, and what tells one profile from the next."""
 
-import re
-from dataclasses import replace
 from os.path import commonpath
 from pathlib import Path
 
@@ -9,10 +7,8 @@ import numpy as np
 from numpy import ndarray
 from pandas import Series, concat, factorize
 
-from profilecal.geometry.checks import FARTHEST_MM, READINGS_MM
-from profilecal.scan.tables import ScanError, cell_number, listed
+from profilecal.scan.tables import ScanError, listed
 from profilecal_tool.importing.blocks import (
-    LARGEST_POSE,
     Block,
     Blocks,
     Chosen,
@@ -22,91 +18,9 @@ from profilecal_tool.importing.blocks import (
     label_of,
     of_one_entry,
 )
-from profilecal_tool.importing.makers import (
-    LENGTH_UNITS,
-    UNIT_OF_CODE,
-    scale_of,
-)
-from profilecal_tool.importing.questions import (
-    Layout,
-    Question,
-    Taken,
-    one_or_ask,
-    ranges,
-)
-from profilecal_tool.importing.read_file import BEGIN, names_of
-
-LIKELY_MM = 150.0  # the farthest that a scanner sees, for a guess at a unit
-NARROW_MM = 10.0  # few scanners see so little: it may be cm or inches
-A_GAP = 1 / 3  # of the extent of all points: surfaces that are seen are nearer
-# a name, a unit or none, a number
-X_ABOVE = (
-    r"(?<![a-z])x[ _-]?(?:{})[ _]*[\[(]?(?:mm)?[\])]?"
-    r"[\s\"':=;,]*([-+]?\d+(?:[.,]\d+)?)"
-)
-START_AND_PITCH = "start|offset|origin", "pitch|resolution|interval|step"
-
-
-def with_a_point_a_row(block: Block, layout: Layout) -> Block:
-    """A block with a point in each row, of one with a profile in each; what stands
-    beside is repeated. Raises ScanError where x is nowhere, or where a first column
-    may be one of numbers or times.
-    """
-    x, z = block.having("x"), block.having("z")
-    if len(z) <= LARGEST_POSE:
-        return block
-    heights = block.numbers(z, blank=True)
-    if block.is_bare and len(heights) > 1 and (np.diff(heights[:, 0]) > 0).all():
-        raise ScanError(
-            f"{block.path}: column {z[0].title} rises from row to row, as numbers and "
-            "times do; give titles: n, z1, z2, …"
-        )
-    repeated = [column for column in block.columns if column not in (*x, *z)]
-    for column in repeated:
-        if {"x", "z"} <= {str(cell).lower() for cell in block.table[column.at]}:
-            raise ScanError(
-                f"{block.path}: by column {column.title}, rows are of x and of z by "
-                "turns; give columns x1, z1, x2, z2, …"
-            )
-    rows = block.table[[column.at for column in repeated]]
-    table = rows.loc[rows.index.repeat(len(z))]
-    of_x = x[0].unit if len(x) == len(z) else ""
-    further = (
-        (Column(-1, "nth", role="nth"), np.arange(len(heights))[:, None]),
-        (Column(-1, "x", "x", "x", "profile", of_x), x_of_heights(block, layout)),
-        (Column(-1, "z", "z", "z", "profile", z[0].unit), heights),
-    )
-    for at, (column, cells) in enumerate(further, len(block.columns)):
-        table[at] = np.broadcast_to(cells, heights.shape).ravel()
-        repeated.append(column._replace(at=at))
-    return replace(block, table=table, columns=repeated)
-
-
-def x_of_heights(block: Block, layout: Layout) -> ndarray:
-    """Where along x the columns of heights are: in columns of their own, in titles that
-    do not only count, from 0 or 1, or by a start and a pitch, said or in words where
-    the file begins. Raises ScanError where those are not there, or differ.
-    """
-    x, z = block.having("x"), block.having("z")
-    if len(x) == len(z):
-        return block.numbers(x, blank=True)
-    places = np.array([cell_number(column.title) for column in z])
-    counts = np.arange(len(z))
-    only_count = block.is_bare or [*places] in ([*counts], [*counts + 1])
-    if np.isfinite(places).all() and not only_count:
-        return places
-    start_and_pitch = layout.x
-    if not start_and_pitch:
-        begin = block.path.read_bytes()[:BEGIN].decode(errors="replace").lower()
-        found = [{*re.findall(X_ABOVE.format(one), begin)} for one in START_AND_PITCH]
-        if [*map(len, found)] != [1, 1]:
-            raise ScanError(
-                f"{block.path}: z alone; where is it along x? --x START PITCH says it; "
-                "or give titles: x1, z1, …"
-            )
-        start_and_pitch = [float(value.replace(",", ".")) for (value,) in found]
-    start, pitch = start_and_pitch
-    return start + pitch * counts
+from profilecal_tool.importing.folder_files import names_of
+from profilecal_tool.importing.points_in_mm import in_mm
+from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_ask
 
 
 def points_in(block: Block, said: str) -> Chosen | None:
@@ -288,106 +202,3 @@ def question_on_points(blocks: Blocks, said: str) -> ScanError:
     if len(likely) != 2:
         return ScanError(sentence)
     return Question(sentence, columns=",".join(likely))
-
-
-def in_mm(place: Path, tables: list[Chosen], layout: Layout) -> tuple[ndarray, Taken]:
-    """The points (n, 2) of tables as mm, NaN where nothing was seen; and what was taken
-    for granted. Raises ScanError; Question where a code or the unit is uncertain.
-    """
-    xz = np.concatenate([points.numbers_of("xz", blank=True) for points in tables])
-    codes = codes_in(xz[:, 1], layout)
-    unseen = np.isnan(xz).any(axis=1) | np.isin(xz[:, 1], codes)
-    xz[unseen] = np.nan
-    if unseen.all():
-        raise ScanError(f"{place}: nothing was seen in any profile")
-    # a user may say that no height stands for nothing (--missing 1e9)
-    is_none_said = layout.missing not in (None, *codes)
-    if not is_none_said:
-        check_codes(place, xz[~unseen], layout)
-    units = units_said(tables, codes, layout)
-    scale, unit = scale_of(place, units, "mm", LENGTH_UNITS)
-    xz *= scale
-    check_size(place, xz, scale, bool(units))
-    words = listed(f"{code:.12g}" for code in codes) or "blank"
-    first = tables[0]
-    titles = ",".join(map(first.title, first.chosen.values()))
-    columns = f"{titles}: {ranges('XZ', xz)}"
-    missing = f"{words}: {unseen.sum()} of {len(xz)} points"
-    return xz, {"columns": columns, "unit": unit, "missing": missing}
-
-
-def units_said(tables: list[Chosen], codes: list[float], layout: Layout) -> set[str]:
-    """The units of points that a user says, or titles, or codes for nothing seen."""
-    if layout.unit:
-        return {layout.unit}
-    of_titles = {column.unit for points in tables for column in points.chosen.values()}
-    if of_titles == {""}:
-        return {UNIT_OF_CODE.get(code, "") for code in codes} - {""}
-    # x or z without a unit, beside the other in um, is none in um
-    return {unit or "mm" for unit in of_titles}
-
-
-def codes_in(z: ndarray, layout: Layout) -> list[float]:
-    """The heights that stand for nothing seen: makers' codes and a user's, or else 0
-    where all other heights lie to one side.
-    """
-    codes = [code for code in (*UNIT_OF_CODE, layout.missing) if (z == code).any()]
-    seen = z[np.isfinite(z)]
-    if layout.missing is None and 0 in seen and not seen.min() < 0 < seen.max():
-        codes = codes or [0.0]
-    return codes
-
-
-def check_size(path: Path, xz: ndarray, scale: float, is_said: bool) -> None:
-    """Raise Question where points (n, 2) mm are so near each other, so near or so far
-    away that their unit, of so many mm, may be another one.
-    """
-    x, z = xz[~np.isnan(xz[:, 1])].T
-    width, largest = np.ptp(x), np.abs([x, z]).max()
-    is_narrow = 0 < width < NARROW_MM and not is_said
-    if is_narrow or not READINGS_MM[0] <= largest <= FARTHEST_MM:
-        usual = LIKELY_MM / largest * scale  # of the unit, in mm
-        likely = min(LENGTH_UNITS, key=lambda u: abs(np.log(LENGTH_UNITS[u] / usual)))
-        raise Question(
-            f"{path}: {width:.4g} mm wide, up to {largest:.4g} mm away; is it the unit "
-            "(of x and of z?), or a code for nothing seen (--missing)?",
-            unit=likely,
-        )
-
-
-def check_codes(path: Path, xz: ndarray, layout: Layout) -> None:
-    """Raise Question where a height may stand for nothing seen."""
-    z = xz[:, 1]
-    for code in (0.0, z.min(), z.max()):
-        if is_likely_code(xz, code):
-            count = np.count_nonzero(z == code)
-            found = f"{path}: z is {code:.12g} at {count} of {len(z)} points"
-            if layout.missing is not None:
-                raise ScanError(f"{found}: a second code? leave them blank")
-            sentence = f"{found}; was nothing seen there? (else: --missing 1e9)"
-            raise Question(sentence, missing=code)
-
-
-def is_likely_code(xz: ndarray, code: float) -> bool:
-    """Whether a height is farther from all other points than these are from each other
-    and very large, or than a third of that and recurs; or it is 0, and several points
-    are 0, 0.
-
-    >>> seen = [[0, 100], [9, 105]]
-    >>> for others in ([[2, 96], [3, 96]], [[2, 96]], [[2, 1e6]], [[2, 99], [3, 99]]):
-    ...     print(bool(is_likely_code(np.array(seen + others), others[0][1])))
-    True
-    False
-    True
-    False
-    >>> bool(is_likely_code(np.array([[0, 0], [0, 0], [1, 5], [2, -5]]), 0))
-    True
-    """
-    if code == 0 and (xz == 0).all(axis=1).sum() > 1:
-        return True
-    others = xz[xz[:, 1] != code]
-    recurs = len(xz) - len(others) > 1
-    if len(others) < 2 or not (recurs or abs(code) >= FARTHEST_MM):
-        return False
-    extent = np.ptp(others, axis=0).max()
-    return np.abs(others[:, 1] - code).min() > extent * (A_GAP if recurs else 1)

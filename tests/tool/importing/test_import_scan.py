@@ -49,7 +49,7 @@ from profilecal.scan.folder import read_scan
 from profilecal.scan.tables import ScanError
 from profilecal_tool.importing.import_scan import Layout, import_scan
 from profilecal_tool.importing.makers import ROBOTS, robot_of
-from profilecal_tool.importing.program_lines import matches_of, program_blocks
+from profilecal_tool.importing.program_lines import program_blocks, rows_by_forms
 from profilecal_tool.importing.robot_poses import pose_fields, robot_poses
 from profilecal_tool.importing.tool_frames import lines_of_program
 
@@ -685,7 +685,7 @@ def test_each_form_of_a_line_takes_its_example(maker):
     for kind in ("pose", "tool", "base", "uses", "beside"):
         names, examples = [], []
         for form, example in getattr(robot, kind):
-            table, _ = matches_of([form], example)
+            table, _ = rows_by_forms([form], example)
             fits = len(table.dropna(axis=1)) == 1
             assert fits, f"makers.toml: {maker}: {form} is not the form of {example}"
             names += [*table.get("name", [])]
@@ -729,11 +729,11 @@ def test_a_row_says_what_a_row_may(keys, words):
 
 
 def test_a_form_takes_a_whole_name_and_stands_in_its_own_line():
-    table, _ = matches_of(["^$name AT <$x>"], "7 10 AT <3>\n\n  120 AT <5>")
+    table, _ = rows_by_forms(["^$name AT <$x>"], "7 10 AT <3>\n\n  120 AT <5>")
     assert dict(table["name"]) == {1: "10", 3: "120"}
-    table, _ = matches_of(["^$name $x $y …"], "7 400.5 3 2 1")
+    table, _ = rows_by_forms(["^$name $x $y …"], "7 400.5 3 2 1")
     assert table["name"].tolist() == ["7"]
-    table, _ = matches_of(["{X $x}"], "home\n\n  {X 5}")
+    table, _ = rows_by_forms(["{X $x}"], "home\n\n  {X 5}")
     assert table.index.tolist() == [3]
     remark = f"<!--\n{ROBOTS['Stäubli'].pose[0][1]}\n-->"
     pulses = "///PULSE\nC00000=1,2,3,4,5,6\n///RECTAN\n"
