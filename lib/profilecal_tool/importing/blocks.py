@@ -2,7 +2,7 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -37,7 +37,7 @@ BEHIND = re.compile(  # A in Grad, x_mm
 class Column(NamedTuple):
     """What a column of a block is."""
 
-    at: int  # where it stands in the file; -1 for none of the file
+    at: int  # its key in a block's table: from 0 as in the file; others are made here
     title: str  # as it stands there; its number if it has none
     name: str = ""  # the same in small letters, without a unit
     role: str = ""  # such as x, qw, label; "" for what is not known
@@ -58,9 +58,9 @@ class Block:
 
     path: Path
     table: DataFrame  # the index is where a row stands in the file
-    columns: list[Column]  # what the table's columns are, each at its `at`
+    columns: list[Column]  # what the table's columns are
     robot: str = ""  # the maker whose program it is of
-    kind: str = "pose"  # of lines of a program; or "tool", "base", "uses", "beside"
+    kind: str = "pose"  # of a program's lines: one of `program_lines.KINDS`
     sheet: str = ""  # the name of its sheet, if there are several
 
     @property
@@ -132,19 +132,21 @@ class Block:
         return poses
 
     @cached_property
-    def others(self) -> list[Column]:
+    def unposed(self) -> list[Column]:
         """The columns that are of no pose."""
         posed = {c for pose in self.poses.values() for c in pose.chosen.values()}
         return [column for column in self.columns if column not in posed]
 
     def having(self, *roles: str) -> list[Column]:
-        """Of these, those of some roles, in the order of the roles."""
-        return [c for role in roles for c in self.others if c.role == role]
+        """The columns of no pose that have some roles, in the order of the roles."""
+        return [c for role in roles for c in self.unposed if c.role == role]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Chosen(Block):
-    """A block with a pose, or a point, chosen in each row."""
+    """A block with a pose, or a point, chosen in each row; its poses, and the columns
+    of none, are still the block's.
+    """
 
     chosen: dict[str, Column]  # its columns, by role
     entry: str  # their name, as --entry says it
@@ -175,13 +177,14 @@ def conventions_in(roles: dict[str, Column]) -> list[Convention]:
 def of_one_entry(
     blocks: list[Chosen], said: str, liked: str, what: str
 ) -> list[Chosen]:
-    """The blocks of one entry: the one that a user says, or else of the robot, and
-    with a word that is liked, such as flange. Raises Question for several.
+    """The blocks of one entry: the one that a user says; or else one without a name,
+    such as x, y, z; or else of the robot, and with a word that is liked, such as
+    flange. Raises Question for several.
     """
     wish = said.lower()
     preferences = (
-        lambda name: wish in name,  # all, where nothing is said; none, of other files
-        lambda name: wish == name,
+        lambda name: wish in name,  # what is said may be an entry of other files
+        lambda name: wish == name,  # where nothing is said, one without a name
         lambda name: not is_of_other(name),
         lambda name: liked in name and name not in WORDS["tool"],  # no flange_offset
     )
@@ -206,7 +209,7 @@ def columns_titled(table: DataFrame, titles: list[str]) -> list[Column]:
     for name, numbered in lists_among(columns.values()).items():
         is_long = len(numbered) > LARGEST_POSE
         axis = column_titled(0, name).role if name else "z"
-        # whose they are: nobody's else, so that they are no part of a pose
+        # heights have an owner of their own, so that they are no part of a pose
         roles, owner = [], name
         if is_long and axis in XYZ:
             roles = [axis] * len(numbered)
@@ -284,11 +287,16 @@ def role_before_heights(cells: list) -> str:
     """The role of a first column: of numbers that count the rows, from 0 or 1, nth; of
     words, a label; or else of heights.
     """
-    rows = len(cells)
-    if rows > 1 and cells in ([*range(rows)], [*range(1, rows + 1)]):
+    if len(cells) > 1 and only_count(cells):
         return "nth"
     are_words = all(isinstance(cell, str) and cell[:1].isalpha() for cell in cells)
     return "label" if are_words else "z"
+
+
+def only_count(numbers: Sequence) -> bool:
+    """Whether numbers do no more than count, from 0 or 1."""
+    counts = [*range(len(numbers) + 1)]
+    return [*numbers] in (counts[:-1], counts[1:])
 
 
 def is_of_other(name: str) -> bool:

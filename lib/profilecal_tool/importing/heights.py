@@ -7,7 +7,7 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.scan.tables import ScanError, cell_number
-from profilecal_tool.importing.blocks import LARGEST_POSE, Block, Column
+from profilecal_tool.importing.blocks import LARGEST_POSE, Block, Column, only_count
 from profilecal_tool.importing.questions import Layout
 from profilecal_tool.importing.text_tables import BEGIN
 
@@ -44,13 +44,13 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     table = rows.loc[rows.index.repeat(len(z))]
     of_x = x[0].unit if len(x) == len(z) else ""
     further = (
-        (Column(-1, "nth", role="nth"), np.arange(len(heights))[:, None]),
-        (Column(-1, "x", "x", "x", "profile", of_x), x_of_heights(block, layout)),
-        (Column(-1, "z", "z", "z", "profile", z[0].unit), heights),
+        ("nth", "", np.arange(len(heights))[:, None]),
+        ("x", of_x, x_of_heights(block, layout)),
+        ("z", z[0].unit, heights),
     )
-    for at, (column, cells) in enumerate(further, len(block.columns)):
+    for at, (role, unit, cells) in enumerate(further, len(block.columns)):
         table[at] = np.broadcast_to(cells, heights.shape).ravel()
-        repeated.append(column._replace(at=at))
+        repeated.append(Column(at, role, role, role, owner="profile", unit=unit))
     return replace(block, table=table, columns=repeated)
 
 
@@ -63,9 +63,7 @@ def x_of_heights(block: Block, layout: Layout) -> ndarray:
     if len(x) == len(z):
         return block.numbers(x, blank=True)
     places = np.array([cell_number(column.title) for column in z])
-    counts = np.arange(len(z))
-    only_count = block.is_bare or [*places] in ([*counts], [*counts + 1])
-    if np.isfinite(places).all() and not only_count:
+    if np.isfinite(places).all() and not (block.is_bare or only_count(places)):
         return places
     start_and_pitch = layout.x
     if not start_and_pitch:
@@ -78,4 +76,4 @@ def x_of_heights(block: Block, layout: Layout) -> ndarray:
             )
         start_and_pitch = [float(value.replace(",", ".")) for (value,) in found]
     start, pitch = start_and_pitch
-    return start + pitch * counts
+    return start + pitch * np.arange(len(z))

@@ -3,12 +3,11 @@
 import re
 from collections import ChainMap, defaultdict
 from collections.abc import Iterator
-from contextlib import suppress
-from itertools import chain
+from contextlib import nullcontext, suppress
+from itertools import chain, compress
 from pathlib import Path
 
 import numpy as np
-from pandas import Series
 
 from profilecal.geometry.log import GAP
 from profilecal.geometry.progress import watched
@@ -39,6 +38,7 @@ from profilecal_tool.importing.robot_poses import (
     robot_poses,
 )
 from profilecal_tool.importing.scanner_profiles import (
+    Profiles,
     points_of_file,
     read_profiles,
 )
@@ -65,31 +65,32 @@ def import_scan(
     target = {"kind": kind} | sizes
     about = {"title": folder.resolve().name, "mount": layout.mount, "target": target}
     header, _ = check_header(folder, about)
-    poses, values, blocks, taken = read_folder(folder, layout)
+    poses, profiles, blocks, taken = read_folder(folder, layout)
     program = lines_of_program(blocks, poses.robot)
     poses, T_flange_tool, on_tool = of_one_tool(poses, program, blocks, layout)
     moves = [row.get("name") for row in program["uses"]]
-    pairing = pair_profiles(poses, [*values.index], moves, layout)
-    check_moves_beside(poses.rows_at(pairing.rows), program)
-    if not all(values.index):
-        values.index = counted(len(values))
-    values = values.iloc[pairing.profiles]
-    check_one_profile_a_pose(folder, pairing, values.index, layout)
-    labels = counted(len(pairing.rows)) if pairing.times else [*values.index]
-    fields, on_poses = pose_fields(poses.rows_at(pairing.rows), labels)
+    pairing = pair_profiles(poses, profiles.names, moves, layout)
+    poses = poses.rows_at(pairing.rows)
+    check_moves_beside(poses, program)
+    if not all(profiles.names):
+        profiles = profiles._replace(names=counted(len(profiles.names)))
+    profiles = profiles.at(pairing.profiles)
+    check_one_profile_a_pose(folder, pairing, profiles.names, layout)
+    labels = counted(len(pairing.rows)) if pairing.times else profiles.names
+    fields, on_poses = pose_fields(poses, labels)
     if T_flange_tool is not None:
         fields = fields_of_flange(fields, T_flange_tool)
     if pairing.times:
         fields = in_sweeps(folder, fields, pairing.times)
-    measured, empty = points_or_profiles(values)
+    measured, empty = points_or_profiles(profiles)
     taken |= {"missing": taken["missing"] + empty, "tool": on_tool}
     taken |= {"matched": pairing.how} | on_poses
     return scan_of(folder, header | fields | measured), taken
 
 
-def read_folder(folder: Path, layout: Layout) -> tuple[Chosen, Series, Blocks, Taken]:
-    """The robot's poses, the profiles under their names, all that files hold, and what
-    was taken for granted. Raises ScanError.
+def read_folder(folder: Path, layout: Layout) -> tuple[Chosen, Profiles, Blocks, Taken]:
+    """The robot's poses, the profiles, all that files hold, and what was taken for
+    granted. Raises ScanError.
     """
     families = families_in(folder, layout)
     of_poses, of_profiles = map(families.get, which_hold_what(folder, families, layout))
@@ -102,14 +103,16 @@ def read_folder(folder: Path, layout: Layout) -> tuple[Chosen, Series, Blocks, T
     rows = len(poses.table)
     is_both = of_poses.keys() == of_profiles.keys()
     expected = 0 if is_both else rows
-    values, entry, taken = read_profiles(of_profiles, expected, layout)
-    counts = [*map(len, values)]
-    if is_both and sum(counts) == rows:  # the pose of each profile's first row
+    profiles, taken = read_profiles(of_profiles, expected, layout)
+    counts = [*map(len, profiles.points)]
+    # rows with a pose and a point each: a profile, which is of rows that follow each
+    # other, has the pose of its first row
+    if is_both and sum(counts) == rows:
         poses = poses.rows_at(np.cumsum([0, *counts[:-1]]))
-    entries = f"{poses.entry} {entry}".strip()
+    entries = f"{poses.entry} {profiles.entry}".strip()
     if layout.entry.lower() not in entries.lower():
         raise ScanError(f"{folder}: no entry {layout.entry}; those read are {entries}")
-    return poses, values, blocks, {"files left out": left_out} | taken
+    return poses, profiles, blocks, {"files left out": left_out} | taken
 
 
 def families_in(folder: Path, layout: Layout) -> Families:
@@ -118,22 +121,22 @@ def families_in(folder: Path, layout: Layout) -> Families:
     cannot be read are empty. Raises ScanError.
     """
     given = [*filter(None, (layout.poses, layout.profiles))]
+    # the narrower one last: the last takes a file
     given.sort(key=lambda pattern: -len(files_matching(folder, pattern)))
     families = defaultdict(dict)
     for path, pattern in watched([*patterns_of(folder, given).items()], "reading"):
-        # where both are given, what is beside them may be of any kind
-        ignored = [] if len(given) < 2 or pattern in given else [ScanError]
-        families[pattern][path] = [*blocks_wanted(path, layout, ignored)]
-    for pattern in given:  # of the same files
+        is_beside = len(given) == 2 and pattern not in given
+        families[pattern][path] = [*blocks_wanted(path, layout, is_beside)]
+    for pattern in given:  # the last took all files of the first: both mean the same
         families.setdefault(pattern, families[given[-1]])
     return families
 
 
-def blocks_wanted(path: Path, layout: Layout, ignored: list) -> Iterator[Block]:
-    """The blocks in a file, of the rows that are wanted, with a point in each row; up
-    to an error that is ignored. Raises ScanError.
+def blocks_wanted(path: Path, layout: Layout, is_beside: bool) -> Iterator[Block]:
+    """The blocks in a file, of the rows that are wanted, with a point in each row; of a
+    file that is beside those that are given, as many as can be read. Raises ScanError.
     """
-    with suppress(*ignored):
+    with suppress(ScanError) if is_beside else nullcontext():
         for block in blocks_in_file(path, layout.encoding):
             yield with_a_point_a_row(with_rows_wanted(block, layout), layout)
 
@@ -143,7 +146,7 @@ def with_rows_wanted(block: Block, layout: Layout) -> Block:
     if block.kind != "pose":
         return block  # what moves use says which poses are not wanted
     name, value = layout.wanted
-    for column in block.others:
+    for column in block.unposed:
         if name in (column.name, column.role) and value not in ("", "*"):
             cells = block.table[column.at]
             # 0 and 0.0 are both 0.0
@@ -154,7 +157,7 @@ def with_rows_wanted(block: Block, layout: Layout) -> Block:
 
 def check_wanted(folder: Path, blocks: Blocks, layout: Layout) -> None:
     """Raise ScanError where rows are wanted by a column that no block has."""
-    names = {n for block in blocks for c in block.others for n in (c.name, c.role)}
+    names = {n for block in blocks for c in block.unposed for n in (c.name, c.role)}
     if layout.wanted[0] not in {*names, "", "tool", "base"}:
         raise ScanError(
             f"{folder}: no rows where {layout.where}; the columns are "
@@ -232,15 +235,16 @@ def one_of_profiles(folder: Path, patterns: list[str], pose: str, first: First) 
     return one_or_ask(folder, patterns, what, "profiles")
 
 
-def points_or_profiles(values: Series) -> tuple[Fields, str]:
-    """Fields of a Scan: points; or profiles, which are empty if they have one point;
-    and words on those that are empty.
+def points_or_profiles(profiles: Profiles) -> tuple[Fields, str]:
+    """Fields of a Scan: points, where each profile has one row; or profiles, which are
+    empty where fewer than two points were seen; and words on those.
     """
-    counts = values.map(len)
-    if counts.max() == 1:
-        return {"measured": "points", "values": tuple(values)}, ""
-    kept = tuple(points if len(points) > 1 else points[:0] for points in values)
-    empty = listed(values.index[counts < 2])
+    if max(map(len, profiles.points)) == 1:
+        return {"measured": "points", "values": tuple(profiles.points)}, ""
+    seen = np.array([np.isfinite(points[:, 1]).sum() for points in profiles.points])
+    pairs = zip(profiles.points, seen, strict=True)
+    kept = tuple(points if count > 1 else points[:0] for points, count in pairs)
+    empty = listed(compress(profiles.names, seen < 2))
     words = f"; empty: {empty}" if empty else ""
     return {"measured": "profiles", "values": kept}, words
 

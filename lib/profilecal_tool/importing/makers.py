@@ -28,7 +28,7 @@ ROLE_OF_TITLE = {
 FOREIGN = {word for word in (*ROLE_OF_TITLE, *UNITS) if not word.isascii()}
 
 
-def roles_of_lists(lists: dict[str, str]) -> dict[tuple[str, int], list[list[str]]]:
+def roles_by_word(lists: dict[str, str]) -> dict[tuple[str, int], list[list[str]]]:
     """The roles of a list's numbers, by its word and by how many they are; there may be
     several.
     """
@@ -40,7 +40,7 @@ def roles_of_lists(lists: dict[str, str]) -> dict[tuple[str, int], list[list[str
     return found
 
 
-ROLES_OF_LIST = roles_of_lists(TABLE["lists"])
+ROLES_OF_LIST = roles_by_word(TABLE["lists"])
 
 
 def are_pairs(value: list) -> bool:

@@ -20,7 +20,7 @@ STAMP = re.compile(
 )
 STILL = 1e-4  # of the largest number: by so little a robot at rest differs
 A_MOMENT_S = 0.5  # poses in such a time are no stops
-Names = list[str]  # of profiles; or labels of poses
+Names = list[str]  # of profiles, or of poses
 
 
 class Times(NamedTuple):
@@ -35,7 +35,7 @@ class Pairing(NamedTuple):
 
     rows: ndarray  # of the table of poses: of the log, as time goes on
     how: str
-    profiles: ndarray | slice = slice(None)  # which are of these poses
+    profiles: ndarray  # which are of these poses
     times: Times | None = None  # in motion
 
 
@@ -65,14 +65,16 @@ def pairing_of(poses: Chosen, names: Names, found: ndarray, how: str) -> Pairing
     """
     if (found < 0).all():
         raise ScanError(f"{poses.path}: {how}, and no profile has a pose")
-    labels, served = next(iter(poses.labels.values()), []), {*found}
+    labels = next(iter(poses.labels.values()), [])
+    served = {*found}
     lost = [name for name, row in zip(names, found, strict=True) if row < 0]
     idle = [label for row, label in enumerate(labels) if row not in served]
+    words = how
     for what, left in (("pose", lost), ("profile", idle)):
-        how += f"; left out, without a {what}: {listed(left)}" if left else ""
+        words += f"; left out, without a {what}: {listed(left)}" if left else ""
     # behind the profiles that have none
     order = np.argsort(found, kind="stable")[len(lost) :]
-    return Pairing(found[order], how, order)
+    return Pairing(found[order], words, order)
 
 
 def paired_in_order(
@@ -294,7 +296,8 @@ def paired_by_time(poses: Chosen, names: Names, times: Times) -> Pairing | None:
         still &= steps < STILL * np.abs(values).max()
     # most were taken on the way
     if step <= A_MOMENT_S and still[is_near].mean() < 0.5:
-        return Pairing(order, "by time, in motion", times=times._replace(log=t))
+        every, way = np.arange(len(names)), times._replace(log=t)
+        return Pairing(order, "by time, in motion", every, way)
     how = "by time"
     if len(t) > 2 * len(times.profiles):  # a log that goes on, no list of stops
         is_near, how = is_near & still, "by time, where the robot stands still"

@@ -11,7 +11,9 @@ from profilecal_tool.importing.blocks import Block, columns_titled
 from profilecal_tool.importing.makers import ROBOTS
 
 LARGEST_PROGRAM = 2_000_000  # characters; what is longer is a table
-OF_MOVES = {"uses", "beside"}  # kinds of lines that may have a pose in them too
+# kinds of lines; poses come last, or else a line of a tool would be one of a pose
+KINDS = "base", "tool", "uses", "beside", "pose"
+OF_MOVES = {"uses", "beside"}  # which may have a pose in them too
 WORD = r"[\w$][\w$.\[\]-]*?"  # what stands where $name, $tool or $base does
 CELL = r"[^\s,;:()\[\]{}\"'=]+"  # a number, or ******** in place of one
 SIGNS = {"…": r"[^{};<>\n]*?", "⋮": r"[^{};<>]*?", "^": r"^[ \t]*(?:\d+[ \t]+)??"}
@@ -37,7 +39,7 @@ def expression_of(form: str) -> re.Pattern:
             parts.append(f"(?:{token}){end}")
         else:
             parts.append(SIGNS.get(token) or rf"\s*{re.escape(token)}\s*")
-    if token[0] == "$":  # the last token: what it finds is a whole word
+    if tokens[-1][0] == "$":  # what it finds is a whole word
         parts.append(r"(?![\w-])")
     # without blank lines above, which would give another line number, and without
     # the next line's blanks, from which a ^ would not find its beginning
@@ -84,8 +86,7 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
             begin, end = map(re.escape, remark)
             # what ends it may be of a line that counts
             rest = blanked(rf"(?s){begin}.*?(?={end}|\Z)", rest)
-        # poses come last: else a line of a tool would be one of a pose
-        for kind in ("base", "tool", "uses", "beside", "pose"):
+        for kind in KINDS:
             # a listing of tools is no program: it has no text that programs have
             if robot.has not in text and kind != "tool":
                 continue

@@ -29,10 +29,11 @@ def blocks_in_file(path: Path, encoding: str) -> Iterable[Block]:
     if suffix in NESTED:
         return nested_blocks(path, text)
     programs = [*program_blocks(path, text)]
+    # poses, tools or bases in lines are a program's; moves alone may be beside a table
     if any(block.kind not in OF_MOVES for block in programs):
         return programs
     with naming(path):
-        return [*text_blocks(path, text.encode()), *programs]
+        return [*text_blocks(path, text), *programs]
 
 
 def decoded_text(path: Path, encoding: str) -> str:
@@ -71,5 +72,5 @@ def sheet_blocks(path: Path) -> Iterator[Block]:
         text = cells.to_csv(sep=";", header=False, index=False)
         if len(sheets) == 1:
             text, name = re.sub("(?m)^;+$", "", text), ""
-        for block in text_blocks(path, text.encode()):
+        for block in text_blocks(path, text):
             yield replace(block, sheet=name)

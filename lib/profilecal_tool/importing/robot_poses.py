@@ -38,8 +38,10 @@ from profilecal_tool.importing.questions import Layout, Question, Taken, ranges
 Fields = dict[str, Any]  # of a Scan, by name
 FARTHEST_M = 20.0  # no robot reaches so far; a position in mm is farther somewhere
 NEAR_MM = 200.0  # few flanges stay so near: it may be cm or inches
-HINT = "--pose-columns says it; w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector, "
-HINT += "rad; alpha,beta,gamma: Stäubli; o,a,t; qw,qx,qy,qz"
+HINT = (
+    "--pose-columns says it; w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector, "
+    "rad; alpha,beta,gamma: Stäubli; o,a,t; qw,qx,qy,qz"
+)
 FANUC = named("FANUC angles").columns
 OF_ABB = named("quaternion").columns
 OF_LIBRARIES = ("qx", "qy", "qz", "qw")
@@ -188,9 +190,9 @@ def question_on_columns(block: Block, sentence: str, *likely: Likely) -> ScanErr
     return Question(sentence, pose_columns=",".join(titles))
 
 
-def length_of(poses: Chosen) -> tuple[float, str]:
-    """The unit of positions, mm, and its name. Raises Question where it may be cm or
-    inches.
+def length_scale(poses: Chosen) -> tuple[float, str]:
+    """The scale of positions to mm, and their unit. Raises Question where that may be
+    cm or inches.
     """
     units = poses.units(XYZ)
     farthest = np.linalg.norm(poses.numbers_of(XYZ), axis=1).max()
@@ -205,32 +207,33 @@ def length_of(poses: Chosen) -> tuple[float, str]:
     return scale_of(poses.path, units, usual, LENGTH_UNITS)
 
 
-def angle_of(poses: Chosen) -> tuple[float, str]:
-    """The unit of angles, in that of their convention, and its name; 1 and "" for
-    numbers that have none. Raises Question where it may be another.
+def angle_scale(poses: Chosen) -> tuple[float, str]:
+    """The scale of angles to the unit of their convention, degrees or for a vector
+    radians, and their unit; 1 and "" for numbers that have none. Raises Question where
+    it may be another.
     """
     convention = poses.convention
+    roles = convention.columns
     if convention.name in ("quaternion", "matrix"):
         return 1.0, ""
-    usual = "deg" if convention.sequence else "rad"  # of a vector
-    roles = convention.columns
+    usual = "deg" if convention.sequence else "rad"
     numbers, units = poses.numbers_of(roles), poses.units(roles)
+    scale, unit = scale_of(poses.path, units, usual, ANGLE_UNITS)
+    scale /= ANGLE_UNITS[usual]
     columns = [poses.chosen[role] for role in roles]
-    likely, doubt = likely_angle(numbers), ""
+    likely = likely_angle(numbers)
     # controllers write such angles in degrees, programmers in either
     if convention.sequence and likely and not units:
         doubt = f"angles up to {np.abs(numbers).max():.4g}; which, rad or deg?"
-    scale, unit = scale_of(poses.path, units, usual, ANGLE_UNITS)
-    if not convention.sequence:  # or angles that are called like a vector
-        length = np.linalg.norm(numbers, axis=1).max()
-        is_long = length > np.pi and not (units or poses.robot)
-        if is_long or scale != ANGLE_UNITS["rad"]:
-            what = listed(units) or "rad, longer than pi"
-            doubt = f"a vector of {length:.4g} {what}; are they w, p, r?"
-            roles = FANUC  # most often
-    if doubt:
         raise question_on_columns(poses, doubt, Likely(columns, roles, likely))
-    return scale / ANGLE_UNITS[usual], unit
+    length = np.linalg.norm(numbers, axis=1).max()
+    is_long = length > np.pi and not (units or poses.robot)
+    # angles that are called like a vector, most often W, P, R
+    if not convention.sequence and (is_long or scale != 1):
+        what = listed(units) or "rad, longer than pi"
+        doubt = f"a vector of {length:.4g} {what}; are they w, p, r?"
+        raise question_on_columns(poses, doubt, Likely(columns, FANUC, likely))
+    return scale, unit
 
 
 def likely_angle(numbers: np.ndarray) -> str:
@@ -243,17 +246,17 @@ def pose_fields(poses: Chosen, labels: list[str]) -> tuple[Fields, Taken]:
     a unit.
     """
     numbers = poses.numbers_of(poses.chosen)
-    length, unit = length_of(poses)
-    angle, of_angle = angle_of(poses)
-    numbers[:, 3:] *= angle
+    to_mm, unit = length_scale(poses)
+    scale, of_angle = angle_scale(poses)
+    numbers[:, 3:] *= scale
     units = listed(filter(None, (unit, of_angle)))
     others = listed(entry for entry in poses.poses if entry != poses.entry)
     beside = f", not {others}" if others else ""
     name = "poses" if poses.entry in ("", "pose") else f"poses of {poses.entry}"
     words = f"{poses.path.name}: {len(labels)} {name}{beside} in {units}"
     meaning = f"{', '.join(poses.chosen)}: {poses.convention.meaning}"
-    places = ranges("XYZ", numbers[:, :3] * length)
+    places = ranges("XYZ", numbers[:, :3] * to_mm)
     taken = {"poses": f"{words}: {places}", "pose_columns": meaning}
     columns = dict(zip(poses.chosen, numbers.T, strict=True))
     table = Table(poses.path, {"pose": labels} | columns, poses.table.index)
-    return check_poses(table, length), taken
+    return check_poses(table, to_mm), taken

@@ -2,6 +2,7 @@
 
 from os.path import commonpath
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
@@ -72,13 +73,24 @@ def points_of_file(blocks: Blocks, layout: Layout) -> list[Chosen]:
     return of_one_entry(found, layout.entry, "profile", "is the profile")
 
 
+class Profiles(NamedTuple):
+    """Profiles that were read."""
+
+    names: list[str]  # "" for one that has none
+    points: list[ndarray]  # (n, 2) mm of each, NaN where nothing was seen
+    entry: str  # of all
+
+    def at(self, places: ndarray) -> "Profiles":
+        """Some of them, by where they stand."""
+        names = [self.names[k] for k in places]
+        return Profiles(names, [self.points[k] for k in places], self.entry)
+
+
 def read_profiles(
     files: Files, expected: int, layout: Layout
-) -> tuple[Series, str, Taken]:
-    """The points (n, 2) mm of each profile, NaN where nothing was seen, under its name,
-    "" if it has none; their entry; and what was taken for granted. A file among several
-    has one profile. `expected`: how many a table alone should have, 0 if that is not
-    known.
+) -> tuple[Profiles, Taken]:
+    """The profiles in files, and what was taken for granted. A file among several has
+    one profile. `expected`: how many a table alone should have, 0 if that is not known.
 
     Raises ScanError.
     """
@@ -93,8 +105,8 @@ def read_profiles(
     else:
         rows = Series([rows_of_one(each, layout) for each in found], names_of(files))
     xz, taken = in_mm(place, tables, layout)
-    values = np.split(xz, np.cumsum(rows)[:-1])
-    return Series(values, rows.index), tables[0].entry, taken
+    points = np.split(xz, np.cumsum(rows)[:-1])
+    return Profiles([*rows.index], points, tables[0].entry), taken
 
 
 def points_or_ask(blocks: Blocks, layout: Layout) -> list[Chosen]:
@@ -153,7 +165,7 @@ def profile_of_each_row(points: Chosen, expected: int) -> tuple[ndarray, list[st
         if (np.diff(profile) >= 0).all() and not is_of_points:
             return profile, [] if column.role == "nth" else [*map(label_of, labels)]
     if points.poses:
-        posed = points.table.drop(columns=[c.at for c in points.others])
+        posed = points.table.drop(columns=[c.at for c in points.unposed])
         begins = (posed != posed.shift()).any(axis=1)
     else:
         x = Series(points.numbers_of("x", blank=True)[:, 0]).ffill().bfill()
@@ -169,7 +181,7 @@ def check_one_section(points: Chosen, profile: ndarray, layout: Layout) -> None:
     """Raise Question where rows of a profile are of several scanners or sections, or
     lie along y.
     """
-    x, z = points.chosen.values()
+    x, z = points.chosen["x"], points.chosen["z"]
     for column in points.having("y", "sensor", "label"):
         role, cells = column.role, points.table[column.at]
         each = cells.groupby(profile).nunique()

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from pandas import DataFrame, read_csv
@@ -24,28 +25,31 @@ BEGIN = 100_000  # characters that tell what a table is like
 HEAD = 50  # lines within which numbers begin
 EDGES = " \"'"  # of cells
 Rows = list[list[str]]  # the cells of lines
-AS_IT_IS = {
-    "header": None,
-    "index_col": False,
-    "skipinitialspace": True,
-    "na_values": [*NOTHING, "Invalid", "INVALID", ".Nan", "-"],
-}
 
 
-def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
+class Run(NamedTuple):
+    """Lines of a text that have equally many fields."""
+
+    begin: int  # the first line, from 0
+    end: int  # behind the last one
+    offset: int  # of the first line, bytes
+
+
+def text_blocks(path: Path, text: str) -> Iterator[Block]:
     """The blocks of a text: runs of lines of as many fields, from where numbers begin,
     with titles of an earlier run if they have none. Raises ScanError for a lost field.
     """
-    mark, has_decimal_commas = dialect(content[:BEGIN].decode(errors="ignore"))
-    between = mark and mark.encode()
-    if has_decimal_commas:  # they become points, which are as long
+    mark, has_decimal_commas = dialect(text[:BEGIN])
+    if has_decimal_commas:
         for digit in "0123456789":  # 10 times faster than an expression
-            content = content.replace(f",{digit}".encode(), f".{digit}".encode())
+            text = text.replace(f",{digit}", f".{digit}")
+    between = mark and mark.encode()
+    content = text.encode()
     stream = BytesIO(content)
     above, end_above = [], 0  # titles above, and the end of the table that has them
-    for begin, end, offset in runs_of_lines(path, content, between):
-        stream.seek(offset)
-        head = cells_of(islice(stream, min(end - begin, HEAD)), between)
+    for run in runs_of_lines(path, content, between):
+        stream.seek(run.offset)
+        head = cells_of(islice(stream, min(run.end - run.begin, HEAD)), between)
         first = row_where_numbers_begin(head)
         if first == len(head):
             continue
@@ -53,32 +57,37 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         if not titles and count == len(above):
             titles = above
         if titles:
-            above, end_above = titles, end
-        elif above and (begin == end_above or count == len(above) - 1):  # one is lost
+            above, end_above = titles, run.end
+        # a field is lost, in rows that follow those above or anywhere
+        elif above and (run.begin == end_above or count == len(above) - 1):
             raise ScanError(
-                f"{path} line {begin + 1}: {count} fields; expected {len(above)}, as "
-                "above (--poses and --profiles say which files to read)"
+                f"{path} line {run.begin + 1}: {count} fields; expected {len(above)}, "
+                "as above (--poses and --profiles say which files to read)"
             )
         titles = titles or counted(count)
-        stream.seek(offset)
-        rows = {"skiprows": first, "nrows": end - begin - first}
-        table = table_in(stream, titles, mark, rows)
-        table.index += begin + first + 1
+        stream.seek(run.offset)
+        begin = run.begin + first  # the line of the first row
+        table = table_in(stream, titles, mark, first, run.end - begin)
+        table.index += begin + 1
         yield Block(path, table, columns_titled(table, titles))
 
 
 def table_in(
-    stream: BytesIO, titles: list[str], mark: str | None, rows: dict
+    stream: BytesIO, titles: list[str], mark: str | None, first: int, rows: int
 ) -> DataFrame:
-    """The table in some rows of a text; labels stay text, for 1.10 is not 1.1."""
+    """A table of so many rows, from the first one in a text."""
     labels = [k for k, t in enumerate(titles) if column_titled(k, t).role == "label"]
     return read_csv(
         stream,
+        header=None,
         names=range(len(titles)),
-        dtype=dict.fromkeys(labels, str),
+        index_col=False,
+        dtype=dict.fromkeys(labels, str),  # text, for 1.10 is not 1.1
         sep=mark or r"\s+",
-        **rows,
-        **AS_IT_IS,
+        skipinitialspace=True,
+        skiprows=first,
+        nrows=rows,
+        na_values=[*NOTHING, "Invalid", "INVALID", ".Nan", "-"],
     )
 
 
@@ -105,11 +114,12 @@ def dialect(text: str) -> tuple[str | None, bool]:
     return mark, mark != "," and not has_points
 
 
-def runs_of_lines(path: Path, content: bytes, between: bytes | None) -> Iterator[tuple]:
-    """The first line, the end, and the offset in bytes of each run of lines that have
-    equally many fields. Blank lines end a run, and so do remarks below numbers.
+def runs_of_lines(path: Path, content: bytes, between: bytes | None) -> Iterator[Run]:
+    """The runs of lines of a text. Blank lines end a run, and so do remarks below
+    numbers.
     """
-    at_top, lines = True, content.count(b"\n")
+    at_top = True
+    lines = content.count(b"\n")
     begin = end = offset_of_run = offset = fields = 0
     for line in watched(BytesIO(content), f"reading {path.name}", lines):
         cells = line.strip(MARKS)
@@ -120,12 +130,12 @@ def runs_of_lines(path: Path, content: bytes, between: bytes | None) -> Iterator
         count = len(cells.split(between)) if cells else 0
         if count != fields:
             if fields:
-                yield begin, end, offset_of_run
+                yield Run(begin, end, offset_of_run)
             begin, offset_of_run, fields = end, offset, count
         end += 1
         offset += len(line)
     if fields:
-        yield begin, end, offset_of_run
+        yield Run(begin, end, offset_of_run)
 
 
 def cells_of(lines: Iterable[bytes], between: bytes | None) -> Rows:

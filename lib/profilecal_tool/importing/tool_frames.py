@@ -15,7 +15,7 @@ from profilecal_tool.importing.blocks import Blocks, Chosen, label_of
 from profilecal_tool.importing.makers import ROBOTS, WORDS, XYZ
 from profilecal_tool.importing.program_lines import OF_MOVES
 from profilecal_tool.importing.questions import Layout, Question
-from profilecal_tool.importing.robot_poses import Fields, angle_of, length_of
+from profilecal_tool.importing.robot_poses import Fields, angle_scale, length_scale
 
 Row = dict  # what stands in a line, by name
 Numbers = Sequence[float]  # of a tool: its position and angles, as they stand
@@ -33,10 +33,10 @@ def lines_of_program(blocks: Blocks, maker: str) -> Program:
     return program
 
 
-def tools_in_data(blocks: Blocks, poses: Chosen, length: float) -> list[Row]:
+def tools_in_data(blocks: Blocks, poses: Chosen, to_mm: float) -> list[Row]:
     """Frames that no program of these poses declares: poses that do not change and are
     called a tool; and tools of programs beside poses in a table. Without numbers where
-    these are, or may be, in other units than the poses', of this length, mm.
+    these are, or may be, in other units than the poses', which this scale makes mm.
     """
     tools = []
     for block in blocks:
@@ -47,12 +47,12 @@ def tools_in_data(blocks: Blocks, poses: Chosen, length: float) -> list[Row]:
             if name not in WORDS["tool"]:
                 continue
             numbers = frame.numbers_of(frame.chosen)
-            reach_mm = np.abs(numbers[:, :3]).max() * length
+            reach_mm = np.abs(numbers[:, :3]).max() * to_mm
             is_in_m = 0 < reach_mm < 1  # for no tool is so short
             if is_in_m or frame.units(frame.chosen) - poses.units(poses.chosen):
                 numbers[:] = np.nan
             frames = DataFrame(numbers, columns=[*frame.chosen]).drop_duplicates()
-            # beside each pose in Universal Robots' logs: used at once
+            # beside each pose in Universal Robots' logs: used at once, without a name
             if name == "tcp_offset" and block.columns == poses.columns:
                 name = ""
             if not name or len(frames) == 1:
@@ -72,28 +72,39 @@ def of_one_frame(
     of_pose, of_all = frames_said(program, which)
     column, wanted = layout.wanted
     is_said = column == which
-    if is_said:
-        of_all.append(wanted)
-    several = sorted({*of_all})
+    several = sorted({*of_all, wanted} if is_said else {*of_all})
     if len(several) > 1 and not (which == "tool" and layout.tool):
         raise ScanError(
             f"{poses.path}: no line says which poses are of {which} "
             f"{' or '.join(several)}; split it, one per {which}"
         )
-    if is_said:
-        others = {pose for pose, frames in of_pose.items() if {*frames} != {wanted}}
-        return without(poses, others), wanted
+    if not is_said:
+        return poses, only_frame(poses, of_pose, of_all, which)
+    others = {pose for pose, frames in of_pose.items() if {*frames} != {wanted}}
+    return without(poses, others), wanted
+
+
+def only_frame(
+    poses: Chosen, of_pose: dict[str, list], of_all: list, which: str
+) -> str:
+    """The only frame that lines and columns say; "" if there is none. That some poses
+    have none says nothing of the others::
+
+        P1 tScan, P2 nothing     tScan
+        P1 tool0, P2 nothing     not known
+        P1 tool0, P2 tool0       tool0
+
+    Raises Question for several.
+    """
     columns = poses.having(which)
-    cells = [label_of(cell).lower() for c in columns for cell in poses.table[c.at]]
-    frames = [*chain(*of_pose.values()), *of_all, *cells]
+    in_columns = [label_of(cell).lower() for c in columns for cell in poses.table[c.at]]
+    frames = [*chain(*of_pose.values()), *of_all, *in_columns]
     if len({*frames}) > 1:
         raise question_on_frames(poses, frames, which, of_all)
     only = frames[0] if frames else ""
     labels = {label.lower() for label in poses.labels.get("name", [""])}
-    is_of_each = of_all or cells or labels <= of_pose.keys()
-    if only in WORDS[f"no_{which}"] and not is_of_each:
-        only = ""  # that some poses have no tool says nothing of the others
-    return poses, only
+    is_known_of_each = bool(of_all or in_columns) or labels <= of_pose.keys()
+    return only if is_known_of_each or only not in WORDS[f"no_{which}"] else ""
 
 
 def frames_said(program: Program, which: str) -> tuple[dict[str, list], list]:
@@ -141,17 +152,17 @@ def of_one_tool(
     poses, tool = of_one_frame(poses, program, "tool", layout)
     if poses.table.empty:
         raise ScanError(f"{poses.path}: no poses where {layout.where}")
-    length, unit = length_of(poses)
+    to_mm, unit = length_scale(poses)
     T_flange_tool, words = None, "none; taken for the flange's poses"
     if layout.tool:
         T_flange_tool = matrix_of(layout.tool, 1.0, convention_of_tool(poses), poses)
         words = "the one given, taken off"
     else:
         kind = ROBOTS[poses.robot].tools_in if tool and poses.robot else "tool"
-        rows = program[kind] + tools_in_data(blocks, poses, length)
+        rows = program[kind] + tools_in_data(blocks, poses, to_mm)
         numbers = numbers_of_tool(poses, rows, tool)
         if numbers:
-            T_flange_tool = matrix_of(numbers, length, poses.convention, poses)
+            T_flange_tool = matrix_of(numbers, to_mm, poses.convention, poses)
             words = f"{tool or 'one'} at {[*numbers[:3]]} {unit}, taken off"
         if kind == "pose":
             poses = without(poses, {tool})
@@ -163,14 +174,12 @@ def of_one_tool(
 
 
 def matrix_of(
-    numbers: Numbers, length: float, convention: Convention, poses: Chosen
+    numbers: Numbers, to_mm: float, convention: Convention, poses: Chosen
 ) -> ndarray:
-    """A tool's frame on the flange (4, 4), mm, from its position, of this length, and
-    its angles, in the unit of the poses'.
-    """
-    angle, _ = angle_of(poses)
+    """A tool's frame on the flange (4, 4), mm; its angles have the poses' unit."""
+    scale, _ = angle_scale(poses)
     position, angles = np.split(np.array([numbers]), [3], axis=1)
-    return pose_matrices(position * length, angles * angle, convention.name)[0]
+    return pose_matrices(position * to_mm, angles * scale, convention.name)[0]
 
 
 def numbers_of_tool(poses: Chosen, rows: list[Row], tool: str) -> Numbers | None:
@@ -178,7 +187,9 @@ def numbers_of_tool(poses: Chosen, rows: list[Row], tool: str) -> Numbers | None
     where they are the flange's. `rows` say of tools their names and their numbers, in
     the poses' convention. Raises Question.
     """
-    found = defaultdict(set)  # numbers, by the name; "" for a tool that is used at once
+    # numbers, by the name; "" for a tool that is used at once, and so is the tool of
+    # poses of which no line names one
+    found = defaultdict(set)
     with naming(f"{poses.path}: tool"):
         for row in rows:
             numbers = tuple(float(row.get(role, "nan")) for role in poses.chosen)
