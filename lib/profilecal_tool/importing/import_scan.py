@@ -51,7 +51,6 @@ from profilecal_tool.importing.tool_frames import (
 
 NOTHING_SAID = Layout()
 Families = dict[str, Files]  # the files of each pattern
-First = dict[str, Blocks]  # of the first file of each pattern that has some
 
 
 def import_scan(
@@ -179,54 +178,60 @@ def which_hold_what(
 
     Raises ScanError; Question where several may.
     """
-    first = {n: next(filter(None, f.values()), []) for n, f in families.items()}
     said = layout.poses, layout.profiles
-    others = [name for name in first if first[name] and name not in said]
-    others.sort(key=lambda name: -len(families[name]))  # most files first
-    with_poses = patterns_with_poses(families, first, others, layout)
-    others = [name for name in others if name not in with_poses]
-    with_points = patterns_with_points(families, first, others, layout)
+    unsaid = [n for n, files in families.items() if blocks_of(files) and n not in said]
+    unsaid.sort(key=lambda name: -len(families[name]))  # most files first
+    with_poses = patterns_with_poses(families, unsaid, layout)
+    others = [name for name in unsaid if name not in with_poses]
+    with_points = patterns_with_points(families, others, layout)
     unclear = [name for name in others if name not in with_points]
     # poses that no title tells are in the fewest files
     with_poses = with_poses or unclear[::-1]
     pose = layout.poses or one_or_ask(folder, with_poses, "holds the poses", "poses")
     # and profiles in those that are left, or both in the same
+    blocks = blocks_of(families[pose])
     with_points = with_points or [name for name in unclear if name != pose]
-    if not with_points and points_of_file(first[pose], layout):
+    if not with_points and points_of_file(blocks, layout):
         with_points = [pose]
-    return pose, layout.profiles or one_of_profiles(folder, with_points, pose, first)
+    return pose, layout.profiles or one_of_profiles(folder, with_points, pose, blocks)
+
+
+def blocks_of(files: Files) -> Blocks:
+    """The blocks of the first of some files alike that has any."""
+    return next(filter(None, files.values()), [])
 
 
 def patterns_with_poses(
-    families: Families, first: First, names: list[str], layout: Layout
+    families: Families, names: list[str], layout: Layout
 ) -> list[str]:
     """Those of some patterns whose files have poses. A pose alone, beside others, is a
     tool's or a target's.
     """
-    found = [name for name in names if poses_in(first[name], layout.pose_columns)]
-    several = [
-        name
-        for name in found
-        if len(families[name]) > 1 or any(len(b.table) > 1 for b in first[name])
-    ]
-    return several or found
+    said, rows = layout.pose_columns, {}
+    for name in names:
+        files = families[name]
+        if poses_in(blocks_of(files), said):
+            rows[name] = sum(len(block.table) for block in chain(*files.values()))
+    return [name for name in rows if rows[name] > 1] or [*rows]
 
 
 def patterns_with_points(
-    families: Families, first: First, names: list[str], layout: Layout
+    families: Families, names: list[str], layout: Layout
 ) -> list[str]:
     """Those of some patterns, most files first, whose files have points. Those of half
     as many files are something else, such as a reference.
     """
     most = [n for n in names if 2 * len(families[n]) > len(families[names[0]])]
-    return [name for name in most if points_of_file(first[name], layout)]
+    return [name for name in most if points_of_file(blocks_of(families[name]), layout)]
 
 
-def one_of_profiles(folder: Path, patterns: list[str], pose: str, first: First) -> str:
+def one_of_profiles(
+    folder: Path, patterns: list[str], pose: str, blocks: Blocks
+) -> str:
     """The one of some patterns of profiles. Raises ScanError for none; Question for
-    several, which may be called as the poses are.
+    several, which may be called as the poses are, whose pattern and blocks these are.
     """
-    labels = {*chain(*(chain(*block.labels.values()) for block in first[pose]))}
+    labels = {*chain(*(chain(*block.labels.values()) for block in blocks))}
     if len(patterns) > 1 and labels.issuperset(Path(n).stem for n in patterns):
         every = str(Path(patterns[0]).with_stem("*"))
         sentence = f"{folder}: are {listed(patterns)} profiles of the poses called so?"
