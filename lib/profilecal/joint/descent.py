@@ -111,10 +111,10 @@ def search(problem: Problem, starts: Sequence = ()) -> State:
     count = few.counts.sum()
     if all(term.target.fit_is_best for term in few.terms):
         # targets can be placed at every step: a coarse grid will do if AGREEING of its
-        # starts end at one pose that fits, after five steps, ten or fifteen
+        # starts end at one pose that fits, after six steps or some more
         state = started(few, START_ROTATIONS, starts)
-        for _ in range(3):
-            fits = onward(few, state, iterations=5).best_first
+        for steps in (6, 3, 3, 3):
+            fits = onward(few, state, iterations=steps).best_first
             state = fits.state
             agreeing = np.count_nonzero(are_one(state)[0])
             if fits.loss[0] < HOPELESS * count and agreeing >= AGREEING:
