@@ -125,11 +125,12 @@ class Factors:
         c[:, 0] = 0.0
         for node in self.nodes:
             groups, above = node.level.groups, np.zeros(1)
+            own = c[:, groups]
             if node is not self.nodes[0]:
                 above = b[:, node.level.parents]
-                c[:, groups] -= node.J @ above
-            c[:, groups] = node.Ms @ c[:, groups]  # β, which takes the place of c
-            b[:, groups] = above + node.s * c[:, groups]
+                own -= node.J @ above
+            own[:] = node.Ms @ own  # β, which takes the place of c
+            b[:, groups] = above + node.s * own
         products = squares(c)
         for part in in_parts(Z):
             products += squares(self.whitened(Z, b, part))
@@ -139,8 +140,10 @@ class Factors:
         """W (S, some, size, q, columns) of some bundles. Those of all would take as
         much memory as all rows, for each set of variances.
         """
-        b = b[:, self.rows.groups[part], None]
-        return self.root[:, part] @ (Z[part] - self.rows.E[part] @ b)
+        E, groups = self.rows.E[part], self.rows.groups[part]
+        # a product for each bundle is faster than one for each profile
+        moved = E.reshape(len(E), -1, E.shape[-1]) @ b[:, groups]
+        return self.root[:, part] @ (Z[part] - moved.reshape(-1, *Z[part].shape))
 
     @cached_property
     def covariances(self) -> ndarray:
@@ -163,14 +166,14 @@ def inverse_root(C: ndarray) -> tuple[ndarray, ndarray]:
     size = C.shape[-1]
     A = np.zeros((size, 2 * size, *C.shape[:2]))
     A[:, :size] = C.transpose(2, 3, 0, 1)
-    A[range(size), range(size, 2 * size)] = 1.0
     for j in range(size):
+        A[j, size + j] = 1.0
         part = slice(j, size + j + 1)
-        A[j, part] /= np.sqrt(A[j, j])
-        A[j + 1 :, part] -= A[j, j + 1 : size, None] * A[j, part]
+        row, below = A[j, part], A[j + 1 :, part]
+        row /= np.sqrt(row[0])
+        below -= row[1 : size - j, None] * row
     root = np.ascontiguousarray(A[:, size:].transpose(2, 3, 0, 1))
-    diagonal = np.einsum("jj...->j...", A[:, :size])
-    return root, 2 * np.log(diagonal).sum(axis=(0, 2))
+    return root, 2 * np.log(np.diagonal(A)).sum(axis=(1, 2))
 
 
 def flat(rows: ndarray) -> ndarray:
