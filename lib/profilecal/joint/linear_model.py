@@ -326,13 +326,13 @@ class LinearModel:
         posterior = self.posterior(v[None])
         X = self.precisions(posterior)[1]
         bent = replace(self.smooth, bends=True).keeping(self.kept)
-        # Zᵀ C⁻¹ [B | B₂], of which [B | A]ᵀ C⁻¹ B₂ is used below
+        # Zᵀ C⁻¹ B₂, of which [B | A]ᵀ C⁻¹ B₂ is used below
         across = np.zeros((X.shape[-1], bent.count))
         for part in in_parts(X):
             some = self.rows.profiles[part].ravel()
             columns = bent.columns(self.E[some, :, :6], some)
             across += flat(X[part]).T @ flat(columns)
-        moves = posterior.whole[1][self.m :] @ across[:-1, self.m :]
+        moves = posterior.whole[1][self.m :] @ across[:-1]
         return v[-1] * moves @ moves.T
 
     def precisions(self, posterior: Posterior) -> tuple[ndarray, ndarray, ndarray]:

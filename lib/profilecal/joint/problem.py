@@ -146,7 +146,7 @@ class Problem:
         return smooth_errors(
             self.poses,
             (state.rotation[0], state.translation[0]),
-            np.average(middles, axis=0, weights=counts),
+            np.dot(counts, middles) / sum(counts),
             np.radians(self.noise.accuracy_deg) / (self.noise.accuracy_mm or 1.0),
             self.to_hand,
             self.known_smooth,

@@ -45,8 +45,8 @@ VIEW_MM = 20.0
 COEFFICIENTS = 27
 SIZE = 6 * (12 + COEFFICIENTS)  # numbers of the motions of a profile, without bends
 # shifts of the ends of three arms along the axes, by turns about them: (arm, shift's
-# axis, turn's axis), turn × arm
-BY_AXES = np.cross(np.eye(3), np.eye(3)[:, None]).mT
+# axis and turn's axis), turn × arm
+BY_AXES = np.cross(np.eye(3), np.eye(3)[:, None]).mT.reshape(3, 9)
 # middle and steps of `SmoothErrors`
 Known = Sequence[ArrayLike]
 
@@ -71,12 +71,13 @@ class SmoothErrors:
     turns: ndarray  # (P, 3) of the flange from the middle, rad
     # (12, count) the steps of sensor pose and base that take up the most of the errors
     steps: ndarray
-    bends: bool = False  # whether the bends' coefficients follow, 3 of each of the 27
+    # whether the coefficients are those of bends instead, 3 of each of the 27
+    bends: bool = False
 
     @property
     def count(self) -> int:
         """How many coefficients there are."""
-        return COEFFICIENTS * (1 + 3 * self.bends)
+        return COEFFICIENTS * 3**self.bends
 
     @property
     def known(self) -> Known:
@@ -145,7 +146,7 @@ class SmoothErrors:
         errors = errors.reshape(-1, 6, COEFFICIENTS)
         if self.bends:
             bends = errors[..., None] * turns[:, None, None] / 2
-            errors = np.concatenate([errors, bends.reshape(len(R), 6, -1)], axis=2)
+            errors = bends.reshape(-1, 6, self.count)
         return rigid, errors
 
     def arms(self, some: ndarray) -> ndarray:
@@ -191,11 +192,11 @@ def positions(R: ndarray, T: ndarray, to_hand: bool) -> ndarray:
 def shifting(arms: ndarray) -> ndarray:
     """Motions (..., 6, 6) of the ends of arms (..., 3) by those of where they begin."""
     motions = np.zeros((*arms.shape[:-1], 6, 6))
-    motions[..., range(6), range(6)] = 1.0
+    motions[:] = np.eye(6)
     motions[..., :3, 3:] = shifts_by_turn(arms)
     return motions
 
 
 def shifts_by_turn(arms: ndarray) -> ndarray:
     """By how much a turn w shifts the ends of arms (..., 3), w × arm: (..., 3, 3)."""
-    return np.tensordot(arms, BY_AXES, 1)
+    return (arms @ BY_AXES).reshape(*arms.shape, 3)

@@ -49,16 +49,13 @@ GROUPS = random_groups(len(PROFILES), 8, default_rng(6))
 class Smooth:
     """Errors that are smooth, of which only steps remember which profiles are kept."""
 
-    left: np.ndarray  # (profiles, 6, 12), of bends from the eighth on
+    left: np.ndarray  # (2, profiles, 6, 7), of smooth errors, then of bends
     bends: bool = False
     steps: int = len(PROFILES)
-
-    @property
-    def count(self):
-        return 12 if self.bends else 7
+    count: int = 7
 
     def columns(self, by_flange, profiles):
-        return by_flange @ self.left[profiles, :, : self.count]
+        return by_flange @ self.left[int(self.bends), profiles]
 
     def keeping(self, kept):
         return replace(self, steps=int(kept.sum()))
@@ -87,7 +84,7 @@ class Dense:
         E, Y = (columns * there[..., None] for columns in (units * E, Y))
         root = rng.normal(size=(N, N))
         self.precision = root @ root.T
-        left = rng.normal(size=(len(counts), 6, 12)) / units[:, None]
+        left = rng.normal(size=(2, len(counts), 6, 7)) / units[:, None]
         errors = Smooth(left) if smooth else None
         known = names, self.precision, clock, errors
         self.model = linear_model(E, Y, counts, groups, *known)
@@ -102,9 +99,8 @@ class Dense:
             number = groups.sharing(name)[self.profile]
             self.parts.append(Z @ Z.T * np.equal.outer(number, number))
         if smooth:
-            Z = (E[:, None] @ left[self.profile])[:, 0]
-            self.parts.append(Z[:, :7] @ Z[:, :7].T)
-            self.bends = Z[:, 7:]
+            B, self.bends = (E[:, None] @ left[:, self.profile])[:, :, 0]
+            self.parts.append(B @ B.T)
 
     def of(self, profiles, v=V):
         """r, A and C of some profiles."""
