@@ -2,6 +2,8 @@
 errors: by least squares, or by Cauchy's loss where bad poses spoil that.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy import ndarray
 
@@ -30,33 +32,26 @@ def least_squares(problem: Problem, state: State) -> Fit:
     return refine(problem, state).best_first
 
 
-def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
-    """Fits to most of the poses, best first. `usual_mm`: how large residuals usually
-    are; 0: nothing says it.
+def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> tuple[Fit, float]:
+    """Fits to most of the poses, best first, and `typical_mm` of these. `usual_mm`: how
+    large residuals usually are; 0: nothing says it.
 
     The fits are `fits`, by least squares, where no pose contradicts the best of these
-    and residuals are as usual; else they are by Cauchy's loss. Many bad poses hide each
-    other: where residuals of most poses are large in the best fit by Cauchy's loss,
-    too, another search comes first.
+    and residuals are not more than twice as large as usual; else they are by Cauchy's
+    loss. Many bad poses hide each other: where residuals of most poses are so large in
+    the best fit by Cauchy's loss, too, another search comes first.
     """
-    are_usual = not are_large(problem, fits, usual_mm)
-    if are_usual and not contradicting(problem, fits, usual_mm).any():
-        return fits
+    size_mm, most_mm = typical_mm(problem, fits), 2 * usual_mm
+    if not (size_mm > most_mm or contradicting(problem, fits, usual_mm).any()):
+        return fits, size_mm
     by_most = robust_fit(problem, fits.state)
-    if are_large(problem, by_most, usual_mm):
+    if typical_mm(problem, by_most) > most_mm:
         by_most = robust_fit(problem, search_among_outliers(problem, by_most.state))
     agreeing = ~contradicting(problem, by_most, usual_mm)
     too_few_agree = problem.counts_or_1[agreeing].sum() <= problem.n
     if too_few_agree:  # a fit to so few poses is nearly exact, and says nothing
-        return least_squares(problem, fits.state.join(by_most.state))
-    return by_most
-
-
-def are_large(problem: Problem, fits: Fit, usual_mm: float) -> bool:
-    """Whether residuals of most poses are more than twice as large as usual in the best
-    fit; so they are where nothing says what is usual.
-    """
-    return typical_mm(problem, fits) > 2 * usual_mm
+        by_most = least_squares(problem, fits.state.join(by_most.state))
+    return by_most, typical_mm(problem, by_most)
 
 
 def contradicting(problem: Problem, fits: Fit, usual_mm: float) -> ndarray:
@@ -82,15 +77,15 @@ def robust_fit(problem: Problem, state: State) -> Fit:
     return refine(problem, fits.state, scale=scale).best_first
 
 
-def is_beyond_robots(problem: Problem, fits: Fit, scale: float) -> bool:
-    """Whether residuals of the best fit are larger than the errors of any robot, or the
-    answer is open however exact the robot is, with a scanner's noise that is `scale`
-    times as large as assumed.
+def is_beyond_robots(problem: Problem, fits: Fit, size_mm: float, scale: float) -> bool:
+    """Whether residuals of the best fit, as large as `size_mm`, are larger than the
+    errors of any robot, or the answer is open however exact the robot is, with a
+    scanner's noise that is `scale` times as large as assumed.
     """
     known = spectrum(fits.normal[0, :-1, :-1], problem.units)
     # the worst direction is ten times worse than measured by hand
     is_open = known.is_open or known.sd[0] * scale > 10
-    return bool(is_open or typical_mm(problem, fits) > largest_error_mm(problem.noise))
+    return bool(is_open or size_mm > largest_error_mm(problem.noise))
 
 
 def largest_error_mm(noise: Noise) -> float:
@@ -105,6 +100,8 @@ def typical_mm(problem: Problem, fits: Fit) -> float:
     """How large the residuals of most poses are in the best fit; in mm, as the noise of
     points need not be the same in all directions.
     """
-    equal = problem.of_equal_points
-    there = fits if equal is problem else equal.moments(fits.state[[0]])
-    return float(problem.typical(there.per_pose)[0] * problem.noise.profile_mm)
+    observations = problem.observations
+    if any(seen.covariance is not None for seen in observations):
+        equal = problem.of(replace(seen, covariance=None) for seen in observations)
+        fits = equal.moments(fits.state[[0]])
+    return float(problem.typical(fits.per_pose)[0] * problem.noise.profile_mm)

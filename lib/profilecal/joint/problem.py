@@ -1,7 +1,7 @@
 """All that was seen, with the scanner's noise, as one least-squares problem."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -162,13 +162,6 @@ class Problem:
             mount=self.mount,
             known_smooth=self.known_smooth,
         )
-
-    @cached_property
-    def of_equal_points(self) -> "Problem":
-        """The same with the noise of all points alike."""
-        if all(seen.covariance is None for seen in self.observations):
-            return self
-        return self.of(replace(seen, covariance=None) for seen in self.observations)
 
     def later(self, seconds: float) -> "Problem":
         """With what was seen in motion so much later in the robot's log."""

@@ -57,14 +57,15 @@ def solve(
         problem = problem.later(delay.roughly(problem, starts))
     fits = least_squares(problem, search(problem, starts))
     candidates = fits.state  # for another sensor pose that fits as well
-    if robust:
-        fits = fits_of_most(problem, fits, given.usual_mm)
+    # no residual is large beside an infinite one: the fits stay as they are
+    usual_mm = given.usual_mm if robust else np.inf
+    fits, size_mm = fits_of_most(problem, fits, usual_mm)
     # how large residuals are, over the noise of `given`
     scale = 1.0 if given.source == "given" else problem.typical(fits.per_pose)[0]
     prior = given
     # what is believed of robot, scanner and target then explains nothing: none of their
     # errors is estimated but smooth ones
-    if not prior.robot_known and is_beyond_robots(problem, fits, scale):
+    if not prior.robot_known and is_beyond_robots(problem, fits, size_mm, scale):
         prior = prior.without_robot
     # the noise of `given` then is 1 mm, which stands for noise that is not known
     if prior.source == "residuals":
