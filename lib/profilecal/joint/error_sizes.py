@@ -394,7 +394,7 @@ def growth(squared_errors: ndarray, weight: ndarray) -> float:
     FALSE_ALARM.
     """
     mean = np.tensordot(weight, squared_errors, 1)
-    ratio = np.linalg.solve(mean, squared_errors)
+    ratio = np.linalg.inv(mean) @ squared_errors
     a = np.einsum("sii->s", ratio)
     b = np.einsum("sij,sji->s", ratio, ratio)
     freedom, limits = a**2 / b, chi2_limit(FALSE_ALARM, 6) * a / b

@@ -109,8 +109,8 @@ class Posterior:
     @cached_property
     def mean(self) -> ndarray:
         """(S, p) x̂."""
-        y = self.L[:, -1, self.m : -1, None]
-        return -(self.root.mT @ y)[..., 0]
+        y = self.L[:, -1, self.m : -1]
+        return -np.vecmat(y, self.root)
 
     @property
     def normal(self) -> ndarray:
@@ -351,7 +351,9 @@ class LinearModel:
             (W,) = factors.whitened(self.rows.Z, posterior.b, part)
             X[part] = root[part].mT @ W
             CA = X[part, ..., :-1]
-            P[part] -= CA @ V @ CA.mT
+            # a product of all rows is faster than one for each profile
+            CAV = CA.reshape(-1, len(V)) @ V
+            P[part] -= CAV.reshape(CA.shape) @ CA.mT
         return P, X, X @ z
 
     def own(self, v: ndarray) -> ndarray:

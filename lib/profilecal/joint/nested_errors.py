@@ -81,7 +81,8 @@ class Rows:
             log_det += of_groups
             Ms = (M_root.mT @ M_root) * s.mT
             nodes.append(Node(level, J, s, Ms))
-            add_up(sums, level.parents, Ms @ J / s)
+            if level is not self.nesting.levels[0]:  # which no group holds
+                add_up(sums, level.parents, Ms @ J / s)
         return Factors(self, root, D_E, nodes[::-1], log_det)
 
 
@@ -140,10 +141,10 @@ class Factors:
         """W (S, some, size, q, columns) of some bundles. Those of all would take as
         much memory as all rows, for each set of variances.
         """
-        E, groups = self.rows.E[part], self.rows.groups[part]
+        Z, E = Z[part], self.rows.E[part].reshape(-1, *self.D_E.shape[2:])
         # a product for each bundle is faster than one for each profile
-        moved = E.reshape(len(E), -1, E.shape[-1]) @ b[:, groups]
-        return self.root[:, part] @ (Z[part] - moved.reshape(-1, *Z[part].shape))
+        moved = E @ b[:, self.rows.groups[part]]
+        return self.root[:, part] @ (Z - moved.reshape(-1, *Z.shape))
 
     @cached_property
     def covariances(self) -> ndarray:
@@ -167,9 +168,9 @@ def inverse_root(C: ndarray) -> tuple[ndarray, ndarray]:
     A = np.zeros((size, 2 * size, *C.shape[:2]))
     A[:, :size] = C.transpose(2, 3, 0, 1)
     for j in range(size):
-        A[j, size + j] = 1.0
-        part = slice(j, size + j + 1)
-        row, below = A[j, part], A[j + 1 :, part]
+        rows = A[j:, j : size + j + 1]
+        row, below = rows[0], rows[1:]
+        row[-1] = 1.0
         row /= np.sqrt(row[0])
         below -= row[1 : size - j, None] * row
     root = np.ascontiguousarray(A[:, size:].transpose(2, 3, 0, 1))

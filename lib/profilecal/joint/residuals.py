@@ -332,10 +332,11 @@ class Residuals:
         # R_flange has base (a) and flange (b) components, then poses
         R_flange = self.R_flange.reshape(-1, 3, 3, self.P)
         points = np.einsum("nabp,nbmp->npma", R_flange, in_flange)
-        # the missing points go into the middle of the others
-        present = self.present.mT[..., None]
-        total = (points * present).sum(axis=(1, 2), keepdims=True)
-        middle = total / present.sum(axis=(1, 2), keepdims=True)
-        points = np.where(present, points, middle)
+        if not self.present.all():
+            # the missing points go into the middle of the others
+            present = self.present.mT[..., None]
+            total = (points * present).sum(axis=(1, 2), keepdims=True)
+            middle = total / present.sum(axis=(1, 2), keepdims=True)
+            points = np.where(present, points, middle)
         origin, axes, _ = self.target.fit(points.reshape(B, -1, 3))
         return origin, axes

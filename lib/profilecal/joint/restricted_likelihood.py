@@ -30,8 +30,8 @@ def gradient(model: LinearModel, posterior: Posterior) -> tuple[ndarray, ndarray
     # the slope is tr P M_j at first, and wᵀ M_j w is taken off below
     slope, moves = of_groups(posterior)
     F = rows.E @ moves[rows.groups, None]  # of the errors that profiles share,
-    own = rows.parts @ w[..., None]  # and of those that are one profile's
-    F[..., rows.errors] += np.moveaxis(own[..., 0], 0, -1)
+    own = np.matvec(rows.parts, w)  # and of those that are one profile's
+    F[..., rows.errors] += np.moveaxis(own, 0, -1)
     slope[rows.errors] += rows.parts.reshape(len(rows.errors), -1) @ P.ravel()
     slope -= w.ravel() @ flat(F)
     within = posterior.factors.solve(F)[0][0]  # Fᵀ C⁻¹ F

@@ -145,7 +145,7 @@ class SmoothErrors:
         errors = axes[..., None] * ways[:, None, :, None]
         errors = errors.reshape(-1, 6, COEFFICIENTS)
         if self.bends:
-            bends = errors[..., None] * turns[:, None, None] / 2
+            bends = errors[:, :, None] * turns[:, None, :, None] / 2
             errors = bends.reshape(-1, 6, self.count)
         return rigid, errors
 
