@@ -18,9 +18,11 @@ Out: a `Scan`, and what was taken for granted; or a `Question` with its answer.
 4. `pair_profiles` finds the pose of each profile: by label, by time, in order.
 5. `tool_frames` takes a tool off; `import_scan` makes the scan.
 
-Profiles and poses are left out where `pair_profiles` finds no partner (`matched` says
-so), where their files are of no pattern that is read (`files left out`), where rows are
-not wanted, and where fewer than two points were seen (`missing`: "empty").
+Profiles and poses are left out where `pair_profiles.pairing_of` has no partner for
+them (`matched` says so), where their files are of no pattern that is read (`files left
+out`), where their rows or their tool are not wanted (`with_rows_wanted`,
+`of_one_frame`), and where they are of another entry (`of_one_entry`). Profiles of which
+fewer than two points were seen are empty (`points_or_profiles`; `missing` says so).
 
 Words, each for one thing::
 

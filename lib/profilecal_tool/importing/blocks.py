@@ -109,6 +109,12 @@ class Block:
         columns = [*self.having("label"), *unknown]
         return {self.title(c): [*map(label_of, self.table[c.at])] for c in columns}
 
+    @property
+    def names(self) -> list[str]:
+        """The names that a program gives the rows; none elsewhere."""
+        columns = [column for column in self.columns if column.title == "name"]
+        return [label_of(cell) for c in columns for cell in self.table[c.at]]
+
     @cached_property
     def poses(self) -> dict[str, "Chosen"]:
         """The poses of its rows, by their entries: a position, and angles of the same

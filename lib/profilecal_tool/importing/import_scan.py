@@ -70,8 +70,8 @@ def import_scan(
     moves = [row.get("name") for row in program["uses"]]
     pairing = pair_profiles(poses, profiles.names, moves, layout)
     poses = poses.rows_at(pairing.rows)
-    check_moves_beside(poses, program)
-    if not all(profiles.names):
+    check_moves_beside(poses, program)  # of these alone
+    if not all(profiles.names):  # by which nothing was paired
         profiles = profiles._replace(names=counted(len(profiles.names)))
     profiles = profiles.at(pairing.profiles)
     check_one_profile_a_pose(folder, pairing, profiles.names, layout)
@@ -124,18 +124,18 @@ def families_in(folder: Path, layout: Layout) -> Families:
     given.sort(key=lambda pattern: -len(files_matching(folder, pattern)))
     families = defaultdict(dict)
     for path, pattern in watched([*patterns_of(folder, given).items()], "reading"):
-        is_beside = len(given) == 2 and pattern not in given
-        families[pattern][path] = [*blocks_wanted(path, layout, is_beside)]
+        is_further = len(given) == 2 and pattern not in given
+        families[pattern][path] = [*blocks_wanted(path, layout, is_further)]
     for pattern in given:  # the last took all files of the first: both mean the same
         families.setdefault(pattern, families[given[-1]])
     return families
 
 
-def blocks_wanted(path: Path, layout: Layout, is_beside: bool) -> Iterator[Block]:
+def blocks_wanted(path: Path, layout: Layout, is_further: bool) -> Iterator[Block]:
     """The blocks in a file, of the rows that are wanted, with a point in each row; of a
-    file that is beside those that are given, as many as can be read. Raises ScanError.
+    further file than those that are given, as many as can be read. Raises ScanError.
     """
-    with suppress(ScanError) if is_beside else nullcontext():
+    with suppress(ScanError) if is_further else nullcontext():
         for block in blocks_in_file(path, layout.encoding):
             yield with_a_point_a_row(with_rows_wanted(block, layout), layout)
 

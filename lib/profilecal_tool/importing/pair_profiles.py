@@ -266,7 +266,7 @@ def times_of(poses: Chosen, names: Names, layout: Layout) -> Times | None:
     else:  # a day and a time of day may stand in two columns
         cells = poses.table[[c.at for c in columns]].astype(str).agg(" ".join, axis=1)
     if all(map(str.isdigit, names)) and int(names[-1]) <= len(names):
-        return None  # they count
+        return None  # 0 … n are no seconds
     of_names = 1.0 if layout.times else unit_s
     log = np.array([time_in(cell, unit_s) for cell in cells.astype(str)])
     profiles = np.array([time_in(name, of_names) for name in names])

@@ -42,7 +42,7 @@ HINT = (
     "--pose-columns says it; w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector, "
     "rad; alpha,beta,gamma: Stäubli; o,a,t; qw,qx,qy,qz"
 )
-FANUC = named("FANUC angles").columns
+FANUC = named("FANUC angles")
 OF_ABB = named("quaternion").columns
 OF_LIBRARIES = ("qx", "qy", "qz", "qw")
 
@@ -140,7 +140,9 @@ def check_columns(poses: Chosen) -> None:
 
 
 def question_on_file(path: Path, blocks: Blocks, said: str) -> ScanError:
-    """Why there are no poses in a file; what its columns are, where that is likely."""
+    """A ScanError for a file without poses; a Question where it is likely what its
+    columns are.
+    """
     blocks = [block for block in blocks if block.kind == "pose"]  # not tools
     if not blocks:
         return ScanError(f"{path}: no poses")
@@ -166,7 +168,7 @@ def likely_pose(block: Block) -> list[Likely]:
         is_unit = np.allclose(np.linalg.norm(numbers, axis=1), 1, atol=0.01)
         orientation = None
         if len(rest) == 3:
-            orientation = Likely(rest, FANUC, likely_angle(numbers))
+            orientation = Likely(rest, FANUC.columns, likely_angle(numbers))
         elif len(rest) == 4 and is_unit:
             is_abb = rest[0].name.endswith(("0", "1"))  # of q0 … q3, q1 … q4
             orientation = Likely(rest, OF_ABB if is_abb else OF_LIBRARIES)
@@ -176,8 +178,8 @@ def likely_pose(block: Block) -> list[Likely]:
 
 
 def question_on_columns(block: Block, sentence: str, *likely: Likely) -> ScanError:
-    """What columns of poses are, by an answer that has what some likely are. Without
-    one if nothing is likely.
+    """A Question on what columns of poses are, with an answer by what some likely are;
+    a ScanError if nothing is likely.
     """
     sentence = f"{block.path}: columns {listed(block.titles)}; {sentence} ({HINT})"
     if not likely:
@@ -232,7 +234,7 @@ def angle_scale(poses: Chosen) -> tuple[float, str]:
     if not convention.sequence and (is_long or scale != 1):
         what = listed(units) or "rad, longer than pi"
         doubt = f"a vector of {length:.4g} {what}; are they w, p, r?"
-        raise question_on_columns(poses, doubt, Likely(columns, FANUC, likely))
+        raise question_on_columns(poses, doubt, Likely(columns, FANUC.columns, likely))
     return scale, unit
 
 
@@ -251,12 +253,12 @@ def pose_fields(poses: Chosen, labels: list[str]) -> tuple[Fields, Taken]:
     numbers[:, 3:] *= scale
     units = listed(filter(None, (unit, of_angle)))
     others = listed(entry for entry in poses.poses if entry != poses.entry)
-    beside = f", not {others}" if others else ""
+    not_read = f", not {others}" if others else ""
     name = "poses" if poses.entry in ("", "pose") else f"poses of {poses.entry}"
-    words = f"{poses.path.name}: {len(labels)} {name}{beside} in {units}"
+    words = f"{poses.path.name}: {len(labels)} {name}{not_read} in {units}"
     meaning = f"{', '.join(poses.chosen)}: {poses.convention.meaning}"
     places = ranges("XYZ", numbers[:, :3] * to_mm)
     taken = {"poses": f"{words}: {places}", "pose_columns": meaning}
     columns = dict(zip(poses.chosen, numbers.T, strict=True))
     table = Table(poses.path, {"pose": labels} | columns, poses.table.index)
-    return check_poses(table, to_mm), taken
+    return check_poses(table, to_mm), taken  # with positions in mm

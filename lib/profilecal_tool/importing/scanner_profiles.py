@@ -130,8 +130,8 @@ def rows_of_one(tables: list[Chosen], layout: Layout) -> int:
 
 
 def rows_of_each(points: Chosen, expected: int, layout: Layout) -> Series:
-    """How many rows each profile in a table has, under its name, or its sheet's; which
-    row is of which, `profile_of_each_row` tells. Raises Question.
+    """How many rows each profile in a table has, under its name, or its sheet's; they
+    follow each other, as `profile_of_each_row` tells. Raises Question.
     """
     profile, names = profile_of_each_row(points, expected)
     check_one_section(points, profile, layout)
@@ -201,8 +201,8 @@ def check_one_section(points: Chosen, profile: ndarray, layout: Layout) -> None:
 
 
 def question_on_points(blocks: Blocks, said: str) -> ScanError:
-    """Which columns are x and z; likely two, if no others have more than whole numbers,
-    as counts and intensities are.
+    """A Question on which columns are x and z: likely two, if no others have more than
+    whole numbers, as counts and intensities are; or else a ScanError.
     """
     block = max(blocks, key=lambda block: len(block.table))
     unknown = [t for t in said.split(",") if t and not columns_said(block, t)]

@@ -58,7 +58,7 @@ def text_blocks(path: Path, text: str) -> Iterator[Block]:
             titles = above
         if titles:
             above, end_above = titles, run.end
-        # a field is lost, in rows that follow those above or anywhere
+        # a field is lost in these rows: they go on above them, or have one field less
         elif above and (run.begin == end_above or count == len(above) - 1):
             raise ScanError(
                 f"{path} line {run.begin + 1}: {count} fields; expected {len(above)}, "

@@ -9,18 +9,24 @@ from numpy import ndarray
 from pandas import DataFrame
 
 from profilecal.geometry.poses import homogeneous
-from profilecal.scan.conventions import Convention, named, pose_matrices
+from profilecal.scan.conventions import Convention, pose_matrices
 from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.blocks import Blocks, Chosen, label_of
 from profilecal_tool.importing.makers import ROBOTS, WORDS, XYZ
 from profilecal_tool.importing.program_lines import OF_MOVES
 from profilecal_tool.importing.questions import Layout, Question
-from profilecal_tool.importing.robot_poses import Fields, angle_scale, length_scale
+from profilecal_tool.importing.robot_poses import (
+    FANUC,
+    Fields,
+    angle_scale,
+    length_scale,
+)
 
 Row = dict  # what stands in a line, by name
 Numbers = Sequence[float]  # of a tool: its position and angles, as they stand
 Program = dict[str, list[Row]]  # the rows of each kind of line
 UNTURNED = {"qw", "r11", "r22", "r33"}  # are 1 in a frame that does not turn
+AT_ONCE = ""  # the name of a tool that is used where it is declared, without a name
 
 
 def lines_of_program(blocks: Blocks, maker: str) -> Program:
@@ -49,13 +55,13 @@ def tools_in_data(blocks: Blocks, poses: Chosen, to_mm: float) -> list[Row]:
             numbers = frame.numbers_of(frame.chosen)
             reach_mm = np.abs(numbers[:, :3]).max() * to_mm
             is_in_m = 0 < reach_mm < 1  # for no tool is so short
-            if is_in_m or frame.units(frame.chosen) - poses.units(poses.chosen):
-                numbers[:] = np.nan
             frames = DataFrame(numbers, columns=[*frame.chosen]).drop_duplicates()
-            # beside each pose in Universal Robots' logs: used at once, without a name
+            # beside each pose of a table, in Universal Robots' logs
             if name == "tcp_offset" and block.columns == poses.columns:
-                name = ""
-            if not name or len(frames) == 1:
+                name = AT_ONCE
+            if is_in_m or frame.units(frame.chosen) - poses.units(poses.chosen):
+                tools.append({"name": name})
+            elif name == AT_ONCE or len(frames) == 1:
                 tools += frames.assign(name=name).to_dict("records")
     return tools
 
@@ -102,9 +108,11 @@ def only_frame(
     if len({*frames}) > 1:
         raise question_on_frames(poses, frames, which, of_all)
     only = frames[0] if frames else ""
-    labels = {label.lower() for label in poses.labels.get("name", [""])}
-    is_known_of_each = bool(of_all or in_columns) or labels <= of_pose.keys()
-    return only if is_known_of_each or only not in WORDS[f"no_{which}"] else ""
+    is_of_all = bool(of_all or in_columns)
+    is_of_each = poses.names and of_pose.keys() >= {*map(str.lower, poses.names)}
+    if only in WORDS[f"no_{which}"] and not (is_of_all or is_of_each):
+        return ""
+    return only
 
 
 def frames_said(program: Program, which: str) -> tuple[dict[str, list], list]:
@@ -135,9 +143,8 @@ def question_on_frames(
 
 def without(poses: Chosen, names: set[str]) -> Chosen:
     """The poses but for those of some names, in small letters."""
-    labels = poses.labels.get("name", [])
-    kept = [row for row, label in enumerate(labels) if label.lower() not in names]
-    return poses.rows_at(kept) if labels else poses
+    kept = [row for row, name in enumerate(poses.names) if name.lower() not in names]
+    return poses.rows_at(kept) if poses.names else poses
 
 
 def of_one_tool(
@@ -158,13 +165,13 @@ def of_one_tool(
         T_flange_tool = matrix_of(layout.tool, 1.0, convention_of_tool(poses), poses)
         words = "the one given, taken off"
     else:
-        kind = ROBOTS[poses.robot].tools_in if tool and poses.robot else "tool"
-        rows = program[kind] + tools_in_data(blocks, poses, to_mm)
+        tools_in = ROBOTS[poses.robot].tools_in if tool and poses.robot else "tool"
+        rows = program[tools_in] + tools_in_data(blocks, poses, to_mm)
         numbers = numbers_of_tool(poses, rows, tool)
         if numbers:
             T_flange_tool = matrix_of(numbers, to_mm, poses.convention, poses)
             words = f"{tool or 'one'} at {[*numbers[:3]]} {unit}, taken off"
-        if kind == "pose":
+        if tools_in == "pose":
             poses = without(poses, {tool})
     if base not in {"", *WORDS["no_base"]}:
         words += f"; in base {base}, not taken off"
@@ -187,28 +194,27 @@ def numbers_of_tool(poses: Chosen, rows: list[Row], tool: str) -> Numbers | None
     where they are the flange's. `rows` say of tools their names and their numbers, in
     the poses' convention. Raises Question.
     """
-    # numbers, by the name; "" for a tool that is used at once, and so is the tool of
-    # poses of which no line names one
-    found = defaultdict(set)
+    found = defaultdict(set)  # numbers, by the name
     with naming(f"{poses.path}: tool"):
         for row in rows:
             numbers = tuple(float(row.get(role, "nan")) for role in poses.chosen)
-            found[row.get("name", "").lower()].add(numbers)
-    if tool in found or tool not in {"", *WORDS["no_tool"]}:
+            found[row.get("name", AT_ONCE).lower()].add(numbers)
+    tool = tool or AT_ONCE
+    if tool in found or tool not in {AT_ONCE, *WORDS["no_tool"]}:
         whole = [numbers for numbers in found[tool] if np.isfinite(numbers).all()]
         if len(whole) == 1:
             return whole[0]
-        which = f"tool {tool}" if tool else "a tool without a name"
+        whose = f"tool {tool}" if tool else "a tool without a name"
         letters = (*XYZ, *convention_of_tool(poses).columns)
         raise Question(
-            f"{poses.path}: poses are of {which}, of which {len(whole)} frames are "
+            f"{poses.path}: poses are of {whose}, of which {len(whole)} frames are "
             "here; where is it on the flange? (X Y Z in mm, angles as poses have)",
             tool=[*map(str.upper, letters)],
         )
     # a frame that neither moves nor turns is none
     none = tuple(float(role in UNTURNED) for role in poses.chosen)
     declared = sorted(name for name, every in found.items() if every - {none})
-    if declared and not tool:
+    if declared and tool == AT_ONCE:
         answer = declared[0] if len(declared) == 1 else "NAME"
         raise Question(
             f"{poses.path}: tool {' or '.join(declared)} is declared, which no known "
@@ -222,7 +228,7 @@ def check_moves_beside(poses: Chosen, program: Program) -> None:
     """Raise ScanError where lines move beside one of these poses, and none to it."""
     names = {kind: {row.get("name") for row in program[kind]} for kind in OF_MOVES}
     beside = names["beside"] - names["uses"]
-    if found := beside.intersection(beside and poses.labels.get("name", [])):
+    if found := beside.intersection(poses.names):
         raise ScanError(
             f"{poses.path}: moves go beside {listed(sorted(found))}, such as by an "
             "offset, and none to them; where were profiles taken? Write those poses"
@@ -230,11 +236,11 @@ def check_moves_beside(poses: Chosen, program: Program) -> None:
 
 
 def convention_of_tool(poses: Chosen) -> Convention:
-    """Of a tool's angles, as a user says them: the poses', or W, P, R where these have
-    no three.
+    """The convention in which a user says a tool's angles: the poses', or W, P, R where
+    these have no three.
     """
-    turn = poses.convention
-    return turn if len(turn.columns) == 3 else named("FANUC angles")
+    convention = poses.convention
+    return convention if len(convention.columns) == 3 else FANUC
 
 
 def fields_of_flange(fields: Fields, T_flange_tool: ndarray) -> Fields:
