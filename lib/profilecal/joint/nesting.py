@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 
-AT_ONCE = 100_000  # numbers of rows, of several sets or of a part: what a cache holds
+# numbers of rows, of several sets or of a part: what a cache holds, and all draws of
+# a scan of sixty poses
+AT_ONCE = 130_000
 # Linux's malloc gives arrays above 128 kB back to the system with each of them, so that
 # the next one pays for its pages again; it raises that limit to the size of an array
 # that was freed, as this one is at once. Without it a calibration takes up to a tenth
