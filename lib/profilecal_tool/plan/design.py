@@ -18,7 +18,7 @@ from scipy.spatial.distance import cdist
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.observability import LEAST_TURN_DEG
-from profilecal.geometry.poses import angle_between, chord
+from profilecal.geometry.poses import angle_between
 from profilecal.geometry.progress import watched
 from profilecal.scan.tables import ScanError
 from profilecal.simulation.sweeps import Motion, drive, half_way, straight
@@ -126,9 +126,10 @@ class Pool:
             values = 1 / np.linalg.det(S)
         else:
             CV = CV[:, :6]
-            values = smooth_worst(C[:6, :6] - CV @ np.linalg.solve(S, CV.mT))
+            values = smooth_worst(C[:6, :6] - CV @ np.linalg.inv(S) @ CV.mT)
         way = self.R.reshape(-1, 9)
-        near = cdist(way, way[chosen]) < chord(LEAST_TURN_DEG)
+        cosine = (way @ way[chosen].T - 1) / 2  # the trace of RᵀR' is 1 + 2 cos θ
+        near = cosine > np.cos(np.radians(LEAST_TURN_DEG))
         values[near.any(axis=1)] = np.inf
         return values
 
