@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy import ndarray
-from scipy.optimize import least_squares
+from scipy.optimize import leastsq
 from scipy.spatial.distance import cdist
 
 from profilecal.geometry.fitting import fit_circle
@@ -119,14 +119,10 @@ class RodSections:
             outwards = near.off_and_normals(middle[None])[1][0]
             centre = middle - self.radius / np.cos(tilt) * outwards
             lean = np.tan(tilt) * outwards
-        fitted = least_squares(
-            off,
-            np.concatenate([centre, lean]),
-            method="lm",
-            x_scale="jac",
-            ftol=1e-4,  # of the sum of squares: far below what noise changes
-        )
-        nearest = section_at(fitted.x)
+        start = np.concatenate([centre, lean])
+        # a share of the sum of squares: far below what noise changes
+        state, *_ = leastsq(off, start, ftol=1e-4, full_output=True)
+        nearest = section_at(state)
         steepest = np.tan(np.radians(LARGEST_TILT_DEG))
         return nearest if np.hypot(*nearest.lean) < steepest else None  # false for NaN
 
