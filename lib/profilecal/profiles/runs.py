@@ -141,9 +141,9 @@ def run_through(profile: ndarray, rows: ndarray, limit: float) -> Run:
     """The run of a piece, rows (k,) of a profile, its line refitted to the points near
     it: those between the ends of the piece, and on from there.
     """
-    for _ in range(6):  # two or three are usual
-        off = Run.through(profile, rows, limit).coordinates(profile)[1]
-        on_line = np.abs(off) <= limit
+    for _ in range(7):  # two or three are usual
+        run = Run.through(profile, rows, limit)
+        on_line = np.abs(run.coordinates(profile)[1]) <= limit
         near = on_line.copy()
         near[rows[0] : rows[-1] + 1] = True
         parts = stretches(np.flatnonzero(near), LARGEST_GAP)
@@ -153,10 +153,9 @@ def run_through(profile: ndarray, rows: ndarray, limit: float) -> Run:
         if len(kept) < 3 or np.array_equal(kept, rows):
             break
         rows = kept
-    run = Run.through(profile, rows, limit)
     is_gap = np.diff(run.along) > LARGEST_GAP * run.spacing
     # one point or two beside a gap are spikes that are on the line by chance
-    parts = np.split(rows, np.flatnonzero(is_gap) + 1)
+    parts = np.split(run.rows, np.flatnonzero(is_gap) + 1)
     kept = [part for part in parts if len(part) > 2]
     return Run.through(profile, np.concatenate(kept or parts), limit)
 
