@@ -196,7 +196,8 @@ def principal_axes(points: ndarray) -> ndarray:
     their mean, most first.
     """
     offsets = points - middle_of(points)
-    return with_sign(np.linalg.svd(offsets, full_matrices=False)[2])
+    axes = np.linalg.eigh(offsets.mT @ offsets)[1]  # in columns, least first
+    return with_sign(axes[..., ::-1].mT)
 
 
 def with_sign(axes: ndarray) -> ndarray:

@@ -151,9 +151,11 @@ def in_base(
 
 def frame_around(axis: ndarray) -> ndarray:
     """Frames (..., 3, 3), in columns, whose z is the unit vector `axis` (..., 3)."""
-    farthest = np.eye(3)[np.abs(axis).argmin(axis=-1)]
-    x = unit(np.cross(axis, farthest))
-    return np.stack([x, np.cross(axis, x), axis], axis=-1)
+    z = np.moveaxis(axis, -1, 0)  # by components
+    farthest = np.eye(3)[:, np.abs(z).argmin(axis=0)]
+    x = unit(np.stack(cross(z, farthest), axis=-1))
+    y = np.stack(cross(z, np.moveaxis(x, -1, 0)), axis=-1)
+    return np.stack([x, y, axis], axis=-1)
 
 
 def circle_around(
