@@ -2,13 +2,14 @@
 
 import re
 from dataclasses import replace
+from statistics import mode
 
 import numpy as np
 from numpy import ndarray
 
-from profilecal.scan.tables import ScanError, cell_number
+from profilecal.scan.tables import ScanError, cell_number, listed
 from profilecal_tool.importing.blocks import LARGEST_POSE, Block, Column, only_count
-from profilecal_tool.importing.questions import Layout
+from profilecal_tool.importing.questions import Layout, Question
 from profilecal_tool.importing.text_tables import BEGIN
 
 # a name, a unit or none, a number
@@ -24,7 +25,7 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     beside is repeated. Raises ScanError where x is nowhere, or where a first column
     may be one of numbers or times.
     """
-    x, z = block.having("x"), block.having("z")
+    x, z = longest_list(block, "x"), longest_list(block, "z")
     if len(z) <= LARGEST_POSE:
         return block
     heights = block.numbers(z, blank=True)
@@ -35,11 +36,14 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
         )
     repeated = [column for column in block.columns if column not in (*x, *z)]
     for column in repeated:
-        if {"x", "z"} <= {str(cell).lower() for cell in block.table[column.at]}:
-            raise ScanError(
-                f"{block.path}: by column {column.title}, rows are of x and of z by "
-                "turns; give columns x1, z1, x2, z2, …"
-            )
+        kinds = {str(cell).lower() for cell in block.table[column.at]}
+        where = f"{block.path}: by column {column.title}, rows are of"
+        if {"x", "z"} <= kinds:
+            words = "x and of z by turns; give columns x1, z1, x2, z2, …"
+            raise ScanError(f"{where} {words}")
+        if {"z"} < kinds:
+            words = f"{listed(sorted(kinds))}; of z alone?"
+            raise Question(f"{where} {words}", where=f"{column.name}=z")
     rows = block.table[[column.at for column in repeated]]
     table = rows.loc[rows.index.repeat(len(z))]
     of_x = x[0].unit if len(x) == len(z) else ""
@@ -54,12 +58,21 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     return replace(block, table=table, columns=repeated)
 
 
+def longest_list(block: Block, axis: str) -> list[Column]:
+    """The columns of x, or of z, of the owner that has most of them: of Z Encoder, z_1,
+    z_2, … without the first.
+    """
+    owners = [column.owner for column in block.having(axis)]
+    owner = mode(owners) if owners else ""
+    return [column for column in block.having(axis) if column.owner == owner]
+
+
 def x_of_heights(block: Block, layout: Layout) -> ndarray:
     """Where along x the columns of heights are: in columns of their own, in titles that
     do not only count, from 0 or 1, or by a start and a pitch, said or in words where
     the file begins. Raises ScanError where those are not there, or differ.
     """
-    x, z = block.having("x"), block.having("z")
+    x, z = longest_list(block, "x"), longest_list(block, "z")
     if len(x) == len(z):
         return block.numbers(x, blank=True)
     places = np.array([cell_number(column.title) for column in z])

@@ -33,6 +33,7 @@ from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_
 from profilecal_tool.importing.read_file import blocks_in_file
 from profilecal_tool.importing.robot_poses import (
     Fields,
+    likely_pose,
     pose_fields,
     poses_in,
     robot_poses,
@@ -111,6 +112,8 @@ def read_folder(folder: Path, layout: Layout) -> tuple[Chosen, Profiles, Blocks,
     entries = f"{poses.entry} {profiles.entry}".strip()
     if layout.entry.lower() not in entries.lower():
         raise ScanError(f"{folder}: no entry {layout.entry}; those read are {entries}")
+    if not is_both:  # a scanner's tools are no robot's
+        blocks = [block for block in blocks if block.path not in of_profiles]
     return poses, profiles, blocks, {"files left out": left_out} | taken
 
 
@@ -185,8 +188,9 @@ def which_hold_what(
     others = [name for name in unsaid if name not in with_poses]
     with_points = patterns_with_points(families, others, layout)
     unclear = [name for name in others if name not in with_points]
-    # poses that no title tells are in the fewest files
-    with_poses = with_poses or unclear[::-1]
+    # poses that no title tells are in the fewest files, or beside profiles
+    likely = [n for n in with_points if any(map(likely_pose, blocks_of(families[n])))]
+    with_poses = with_poses or unclear[::-1] or likely
     pose = layout.poses or one_or_ask(folder, with_poses, "holds the poses", "poses")
     # and profiles in those that are left, or both in the same
     blocks = blocks_of(families[pose])
@@ -207,11 +211,10 @@ def patterns_with_poses(
     """Those of some patterns whose files have poses. A pose alone, beside others, is a
     tool's or a target's.
     """
-    said, rows = layout.pose_columns, {}
+    rows = {}
     for name in names:
-        files = families[name]
-        if poses_in(blocks_of(files), said):
-            rows[name] = sum(len(block.table) for block in chain(*files.values()))
+        if found := poses_in(blocks_of(families[name]), layout.pose_columns):
+            rows[name] = len(families[name]) * max(len(poses.table) for poses in found)
     return [name for name in rows if rows[name] > 1] or [*rows]
 
 

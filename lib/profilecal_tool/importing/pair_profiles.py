@@ -129,16 +129,21 @@ def ways_to_compare(labels: Names, names: Names) -> Iterator[Way]:
     >>> for way in ways_to_compare(["p1", "p2", "p3"], ["a/scan_0.csv", "scan_1"]):
     ...     print(*way)
     True names ['p1', 'p2', 'p3'] ['scan_0', 'scan_1']
-    False number 1 in the names, from 0 and from 1 [1, 2, 3] [1, 2]
+    False number 1 in the names +1 [1, 2, 3] [1, 2]
     >>> for way in ways_to_compare(["1.1", "1.10"], ["1", "2"]):
     ...     print(*way)
     True numbers in the names [(1, 1), (1, 10)] [(1,), (2,)]
     False number 1 in the names [1, 10] (1, 2)
 
+    >>> for way in ways_to_compare(["P 2", "P 3", "P 4"], ["1", "2", "3"]):
+    ...     print(*way)
+    False number 1 in the names +1 [2, 3, 4] [2, 3, 4]
+
     Names are without folder and ending; they are no names if they are only numbers.
     Several numbers, as in 1.10, are compared as a whole too, or else the last of a
-    label. Numbers are compared as they are, or one higher where profiles count from 0
-    and poses from 1: in the way that fits all names, or in both.
+    label. Numbers are compared as they are, or shifted, where profiles count from 0 and
+    poses from 1 or where both then have the same: in the way that fits all names, or in
+    both.
     """
     stems = [*map(stem_of, names)]
     if not "".join(stems).isdigit():
@@ -149,13 +154,15 @@ def ways_to_compare(labels: Names, names: Names) -> Iterator[Way]:
     last = [numbers[-1] if numbers else None for numbers in of_labels]
     for k, sought in enumerate(zip(*of_names, strict=False), 1):
         shift = (0 in sought) - (0 in last)
+        if None not in last and len({*sought}) == len({*last}):
+            shift = min(last) - min(sought)
         shifted = [one + shift for one in sought]
         what = f"number {k} in the names"
         fits, fits_shifted = ({*some} <= {*last} for some in (sought, shifted))
         if fits or not fits_shifted:
             yield Way(False, what, last, sought)
         if shift and not fits:
-            yield Way(False, f"{what}, from 0 and from 1", last, shifted)
+            yield Way(False, f"{what} {shift:+d}", last, shifted)
 
 
 class Match(NamedTuple):

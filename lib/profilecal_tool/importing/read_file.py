@@ -5,16 +5,20 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from pandas import read_excel
+from pandas import DataFrame, read_excel
 
 from profilecal.scan.tables import ScanError, naming, text_of
 from profilecal_tool.importing.blocks import Block
 from profilecal_tool.importing.folder_files import BINARY, SHEETS
 from profilecal_tool.importing.lists_and_arrays import binary_blocks, nested_blocks
-from profilecal_tool.importing.makers import ENCODINGS, FOREIGN
+from profilecal_tool.importing.makers import ENCODINGS, FOREIGN, WORDS
 from profilecal_tool.importing.program_lines import OF_MOVES, program_blocks
 from profilecal_tool.importing.text_tables import BEGIN, text_blocks
 
+# that does not begin as numbers do, with a tool and behind it a number that is not 0
+TOOL_LINE = re.compile(
+    rf"(?im)^(?![\d+-]).*\b(?:{'|'.join(WORDS['tool'])})(?:\b|_).*(?<![\w[])[\d.-]*[1-9]"
+)
 NESTED = {".json", ".jsonl", ".ndjson", ".yaml", ".yml"}
 
 
@@ -33,7 +37,21 @@ def blocks_in_file(path: Path, encoding: str) -> Iterable[Block]:
     if any(block.kind not in OF_MOVES for block in programs):
         return programs
     with naming(path):
-        return [*text_blocks(path, text), *programs]
+        blocks = [*text_blocks(path, text), *programs]
+    if has_tool(text[:BEGIN]):
+        blocks.append(Block(path, DataFrame(), [], kind="tool"))
+    return blocks
+
+
+def has_tool(text: str) -> bool:
+    """Whether a line says that there is a tool.
+
+    >>> [has_tool(line) for line in ("# Tool: X 25.0, Y 0.0", "TCP,1")]
+    [True, True]
+    >>> [has_tool(line) for line in ("# Tool: none", "Tool,0", "F_T_EE[1]", "1,tool,2")]
+    [False, False, False, False]
+    """
+    return bool(TOOL_LINE.search(text))
 
 
 def decoded_text(path: Path, encoding: str) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from os.path import commonpath
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +22,7 @@ from profilecal_tool.importing.blocks import (
     columns_titled,
     counted,
     is_of_other,
+    lists_among,
     of_one_entry,
 )
 from profilecal_tool.importing.folder_files import names_of
@@ -44,6 +46,7 @@ HINT = (
 )
 FANUC = named("FANUC angles")
 OF_ABB = named("quaternion").columns
+OF_VECTOR = ("rx", "ry", "rz")
 OF_LIBRARIES = ("qx", "qy", "qz", "qw")
 
 
@@ -163,12 +166,18 @@ def likely_pose(block: Block) -> list[Likely]:
     numeric = block.table.apply(to_numeric, errors="coerce").dropna(axis=1, how="all")
     columns = [c for c in block.columns if c.at in numeric and not is_of_other(c.name)]
     columns = [column for column in columns if column.role in {"", *OF_POSES}]
+    # those of the one list of six or seven numbers that has a name, or all
+    lists = [c for n, c in lists_among(columns).items() if n and len(c) in (6, 7)]
+    columns = lists[0] if len(lists) == 1 else columns
     for position, rest in ((columns[:3], columns[3:]), (columns[4:], columns[:4])):
         numbers = numeric[[column.at for column in rest]].to_numpy()
         is_unit = np.allclose(np.linalg.norm(numbers, axis=1), 1, atol=0.01)
         orientation = None
         if len(rest) == 3:
-            orientation = Likely(rest, FANUC.columns, likely_angle(numbers))
+            unit = likely_angle(numbers)
+            is_vector = unit and rest[0] in chain(*lists)  # as Universal Robots have it
+            roles = OF_VECTOR if is_vector else FANUC.columns
+            orientation = Likely(rest, roles, unit)
         elif len(rest) == 4 and is_unit:
             is_abb = rest[0].name.endswith(("0", "1"))  # of q0 … q3, q1 … q4
             orientation = Likely(rest, OF_ABB if is_abb else OF_LIBRARIES)

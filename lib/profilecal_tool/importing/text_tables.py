@@ -157,6 +157,9 @@ def row_where_numbers_begin(rows: Rows) -> int:
     1
     >>> row_where_numbers_begin([["pitch", "2"], ["x", "z"], ["1", "2"]])
     2
+    >>> rows = [["n", "x", "z"], ["", "mm", "mm"], ["home", "5", "6"], ["1", "7", "8"]]
+    >>> row_where_numbers_begin(rows)
+    2
     >>> row_where_numbers_begin([["x", "z"], ["mm", "mm"]])
     2
     """
@@ -166,7 +169,8 @@ def row_where_numbers_begin(rows: Rows) -> int:
     for k, row in enumerate(values):
         words, numbers = np.isinf(row), np.isfinite(row)
         is_title = k + 1 < len(values) and (words & np.isfinite(values[k + 1])).any()
-        is_below_titles = k and np.isinf(values[k - 1]).all()
+        above = values[max(k - 1, 0)]
+        is_below_titles = np.isinf(above).any() and not np.isfinite(above).any()
         least = 2 if words.any() else 1
         if (is_below_titles or not is_title) and numbers.sum() >= least:
             return first

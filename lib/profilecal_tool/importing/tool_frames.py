@@ -41,15 +41,19 @@ def lines_of_program(blocks: Blocks, maker: str) -> Program:
 
 def tools_in_data(blocks: Blocks, poses: Chosen, to_mm: float) -> list[Row]:
     """Frames that no program of these poses declares: poses that do not change and are
-    called a tool; and tools of programs beside poses in a table. Without numbers where
-    these are, or may be, in other units than the poses', which this scale makes mm.
+    called a tool; and, beside poses in a table, files that are called so or have a line
+    on one. Without numbers where these are not known, or may be in other units than the
+    poses', which this scale makes mm.
     """
     tools = []
     for block in blocks:
-        if block.kind == "tool" and not poses.robot:
-            tools.append({"name": block.path.stem})
+        stem = block.path.stem.lower()
+        is_tool = block.kind == "tool" or (stem in WORDS["tool"] and not block.poses)
+        if is_tool and not poses.robot:
+            is_line = block.path == poses.path
+            tools.append({"name": AT_ONCE if is_line else stem})
         for frame in block.poses.values():
-            name = (frame.entry or frame.sheet).lower()
+            name = (frame.entry or frame.sheet or stem).lower()
             if name not in WORDS["tool"]:
                 continue
             numbers = frame.numbers_of(frame.chosen)
@@ -208,7 +212,8 @@ def numbers_of_tool(poses: Chosen, rows: list[Row], tool: str) -> Numbers | None
         letters = (*XYZ, *convention_of_tool(poses).columns)
         raise Question(
             f"{poses.path}: poses are of {whose}, of which {len(whole)} frames are "
-            "here; where is it on the flange? (X Y Z in mm, angles as poses have)",
+            "here; where is it on the flange? (X Y Z in mm, angles as poses have; all "
+            "0 for the flange's poses)",
             tool=[*map(str.upper, letters)],
         )
     # a frame that neither moves nor turns is none

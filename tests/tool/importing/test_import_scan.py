@@ -224,7 +224,7 @@ FOLDERS |= {
     "UTF-16": (
         german("Nr.", encoding="utf-16"),
         each("p{}.txt", encoding="utf-16", begin=1),
-        "from 0 and from 1",
+        "number 1 in the names -1",
     ),
     "a pose before": (
         listed("Nr,X,Y,Z,A,B,C\nref,400,0,600,0,90,0\n0,400,0,600,0,90,0", "{n},{all}"),
@@ -437,7 +437,7 @@ SAID = {
         listed("n,x,y,z,a,b,c", "{n},{all}"),
         one_each,
         edited("poses.csv", "\n6,", "\n99,"),
-        "from 0 and from 1; left out, without a pose: scan_005; ",
+        "number 1 in the names +1; left out, without a pose: scan_005; ",
     ),
     "a sample in each file": (
         listed(
@@ -564,7 +564,12 @@ SAID = {
         a_file("tcp.csv", "j1,j2,j3,j4,j5,j6\n0,1,2,3,4,5"),
         "joint angles: export Cartesian poses",
     ),
-    "tools alone": (nothing, one_each, a_file("f.va", FRAMES), "f.va: no poses"),
+    "tools alone": (
+        nothing,
+        one_each,
+        a_file("f.va", FRAMES),
+        "12 profiles for 1 poses",
+    ),
     "nothing": (nothing, nothing, "in: no files"),
     "no poses": (nothing, one_each, "no file holds the poses"),
     "two numbers": (
