@@ -202,7 +202,7 @@ def fewer_vectors(u_s: ndarray, u_t: ndarray) -> tuple[ndarray, ndarray]:
     5×5 moment matrix alone, which their QR factor shares.
     """
     rows = np.concatenate([u_s[..., ::2], u_t], axis=-1)
-    factor = np.linalg.qr(rows, mode="r")
+    factor = np.asarray(np.linalg.qr(rows, mode="r"))
     return np.insert(factor[..., :2], 1, 0, axis=-1), factor[..., 2:]
 
 
