@@ -15,10 +15,10 @@ from profilecal_tool.importing.makers import ENCODINGS, FOREIGN, WORDS
 from profilecal_tool.importing.program_lines import OF_MOVES, program_blocks
 from profilecal_tool.importing.text_tables import BEGIN, text_blocks
 
-# that does not begin as numbers do, with a tool and behind it a number that is not 0
-TOOL_LINE = re.compile(
-    rf"(?im)^(?![\d+-]).*\b(?:{'|'.join(WORDS['tool'])})(?:\b|_).*(?<![\w[])[\d.-]*[1-9]"
-)
+TOOL = rf"\b(?:{'|'.join(WORDS['tool'])})(?:\b|_)"
+NOT_0 = r"(?<![\w[])[\d.-]*[1-9]"  # a number, which is no index
+# that does not begin as numbers do, and is on no speed
+TOOL_LINE = re.compile(rf"(?im)^(?![\d+-]|.*speed).*{TOOL}.*{NOT_0}")
 NESTED = {".json", ".jsonl", ".ndjson", ".yaml", ".yml"}
 
 
@@ -50,6 +50,8 @@ def has_tool(text: str) -> bool:
     [True, True]
     >>> [has_tool(line) for line in ("# Tool: none", "Tool,0", "F_T_EE[1]", "1,tool,2")]
     [False, False, False, False]
+    >>> has_tool("TCP speed: 100 mm/s")
+    False
     """
     return bool(TOOL_LINE.search(text))
 
