@@ -13,8 +13,8 @@ Out: a `Scan`, and what was taken for granted; or a `Question` with its answer.
    tables of text, `program_lines` programs, `lists_and_arrays` JSON, YAML, arrays.
 3. `robot_poses` and `scanner_profiles` choose columns of blocks and take their numbers,
    with units, for points by `points_in_mm`. Before, `heights` makes profiles of a row
-   each a row for each point. In a table that holds poses and profiles, a profile has
-   the pose of its first row.
+   or of two columns each a row for each point. In a table that holds poses and
+   profiles, a profile has the pose of its first row.
 4. `pair_profiles` finds the pose of each profile: by label, by time, in order.
 5. `tool_frames` takes a tool off; `import_scan` makes the scan.
 

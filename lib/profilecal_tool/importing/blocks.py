@@ -191,7 +191,7 @@ def of_one_entry(
     preferences = (
         lambda name: wish in name,  # what is said may be an entry of other files
         lambda name: wish == name,  # where nothing is said, one without a name
-        lambda name: not is_of_other(name),
+        lambda name: not is_of_other(name) and name not in WORDS["on_flange"],
         lambda name: liked in name and name not in WORDS["tool"],  # no flange_offset
     )
     entries = [*dict.fromkeys(block.entry for block in blocks)]

@@ -1,4 +1,6 @@
-"""Profiles of a row each, as heights z: turned into a row for each point."""
+"""Profiles of a row each, as heights z, or of two columns each, as x and z: turned into
+a row for each point.
+"""
 
 import re
 from dataclasses import replace
@@ -6,9 +8,15 @@ from statistics import mode
 
 import numpy as np
 from numpy import ndarray
+from pandas import DataFrame, concat
 
 from profilecal.scan.tables import ScanError, cell_number, listed
-from profilecal_tool.importing.blocks import LARGEST_POSE, Block, Column, only_count
+from profilecal_tool.importing.blocks import (
+    LARGEST_POSE,
+    Block,
+    Column,
+    only_count,
+)
 from profilecal_tool.importing.questions import Layout, Question
 from profilecal_tool.importing.text_tables import BEGIN
 
@@ -17,6 +25,7 @@ X_ABOVE = (
     r"(?<![a-z])x[ _-]?(?:{})[ _]*[\[(]?(?:mm)?[\])]?"
     r"[\s\"':=;,]*([-+]?\d+(?:[.,]\d+)?)"
 )
+MANY_PAIRS = 5  # more than scanners of a robot
 START_AND_PITCH = "start|offset|origin", "pitch|resolution|interval|step"
 
 
@@ -58,6 +67,31 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     return replace(block, table=table, columns=repeated)
 
 
+def with_pairs_below(block: Block) -> Block:
+    """A block with one x and one z, of one in which each profile has its own, side by
+    side: p1_x, p1_z, p2_x, …; they stand below one another, labelled p1, p2, …
+
+    >>> from profilecal_tool.importing.blocks import column_titled
+    >>> titles = [f"p{k}_{axis}" for k in range(MANY_PAIRS) for axis in "xz"]
+    >>> table = DataFrame([range(10), range(10, 20)])
+    >>> block = Block("a.csv", table, [*map(column_titled, table, titles)])
+    >>> with_pairs_below(block).table.to_numpy()[:3].tolist()
+    [['p0', 0, 1], ['p0', 10, 11], ['p1', 2, 3]]
+    """
+    z_of = {column.owner: column for column in block.having("z")}
+    pairs = [(x, z_of[x.owner]) for x in block.having("x") if x.owner in z_of]
+    units = {(x.unit, z.unit) for x, z in pairs}
+    if len(pairs) < MANY_PAIRS or len(units) > 1:
+        return block
+    tables = [
+        DataFrame({0: x.owner, 1: block.table[x.at], 2: block.table[z.at]})
+        for x, z in pairs
+    ]
+    label, (x, z) = Column(0, "label", role="label"), pairs[0]
+    columns = [label, x._replace(at=1, owner=""), z._replace(at=2, owner="")]
+    return replace(block, table=concat(tables), columns=columns)
+
+
 def longest_list(block: Block, axis: str) -> list[Column]:
     """The columns of x, or of z, of the owner that has most of them: of Z Encoder, z_1,
     z_2, … without the first.
@@ -84,8 +118,8 @@ def x_of_heights(block: Block, layout: Layout) -> ndarray:
         found = [{*re.findall(X_ABOVE.format(one), begin)} for one in START_AND_PITCH]
         if [*map(len, found)] != [1, 1]:
             raise ScanError(
-                f"{block.path}: z alone; where is it along x? --x START PITCH says it; "
-                "or give titles: x1, z1, …"
+                f"{block.path}: z alone; where is it along x? --x START PITCH says it, "
+                "in the unit of z; or give titles: x1, z1, …"
             )
         start_and_pitch = [float(value.replace(",", ".")) for (value,) in found]
     start, pitch = start_and_pitch

@@ -27,7 +27,7 @@ from profilecal_tool.importing.folder_files import (
     patterns_of,
     sorted_files,
 )
-from profilecal_tool.importing.heights import with_a_point_a_row
+from profilecal_tool.importing.heights import with_a_point_a_row, with_pairs_below
 from profilecal_tool.importing.pair_profiles import Pairing, Times, pair_profiles
 from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_ask
 from profilecal_tool.importing.read_file import blocks_in_file
@@ -140,7 +140,8 @@ def blocks_wanted(path: Path, layout: Layout, is_further: bool) -> Iterator[Bloc
     """
     with suppress(ScanError) if is_further else nullcontext():
         for block in blocks_in_file(path, layout.encoding):
-            yield with_a_point_a_row(with_rows_wanted(block, layout), layout)
+            wanted = with_pairs_below(with_rows_wanted(block, layout))
+            yield with_a_point_a_row(wanted, layout)
 
 
 def with_rows_wanted(block: Block, layout: Layout) -> Block:

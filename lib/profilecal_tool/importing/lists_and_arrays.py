@@ -129,8 +129,13 @@ def matlab_arrays(path: Path) -> Arrays:
     """
     from scipy.io import loadmat
 
-    content = loadmat(path, squeeze_me=True)
-    arrays = {n: np.asarray(cells) for n, cells in content.items() if n[0] != "_"}
+    arrays = {}
+    for name, cells in loadmat(path, squeeze_me=True).items():
+        array = np.asarray(cells)
+        if fields := array.dtype.names:  # of a struct array
+            arrays |= {f"{name}_{field}": array[field] for field in fields}
+        elif name[0] != "_":
+            arrays[name] = array
     for name, array in arrays.items():
         if array.ndim == 1 and array.dtype == object:  # cells, of an array each
             each = [np.asarray(cell) for cell in array]

@@ -33,7 +33,8 @@ def in_mm(place: Path, tables: list[Chosen], layout: Layout) -> tuple[ndarray, T
     units = units_said(tables, codes, layout)
     scale, unit = scale_of(place, units, "mm", LENGTH_UNITS)
     xz *= scale
-    check_size(place, xz, scale, bool(units))
+    # a start and a pitch may have another unit than the one that is said
+    check_size(place, xz, scale, bool(units) and not layout.x)
     words = listed(f"{code:.12g}" for code in codes) or "blank"
     first = tables[0]
     titles = ",".join(map(first.title, first.chosen.values()))

@@ -148,7 +148,9 @@ def question_on_file(path: Path, blocks: Blocks, said: str) -> ScanError:
     """
     blocks = [block for block in blocks if block.kind == "pose"]  # not tools
     if not blocks:
-        return ScanError(f"{path}: no poses")
+        return ScanError(
+            f"{path}: no poses; expected Cartesian ones, neither joints nor pulses"
+        )
     block = max(blocks, key=lambda block: len(block.columns))
     likely = likely_pose(block)
     sentence = "what are they?"
