@@ -58,7 +58,7 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     of_x = x[0].unit if len(x) == len(z) else ""
     further = (
         ("nth", "", np.arange(len(heights))[:, None]),
-        ("x", of_x, x_of_heights(block, layout)),
+        ("x", of_x, x_of_heights(block, x, z, layout)),
         ("z", z[0].unit, heights),
     )
     for at, (role, unit, cells) in enumerate(further, len(block.columns)):
@@ -101,12 +101,13 @@ def longest_list(block: Block, axis: str) -> list[Column]:
     return [column for column in block.having(axis) if column.owner == owner]
 
 
-def x_of_heights(block: Block, layout: Layout) -> ndarray:
-    """Where along x the columns of heights are: in columns of their own, in titles that
-    do not only count, from 0 or 1, or by a start and a pitch, said or in words where
-    the file begins. Raises ScanError where those are not there, or differ.
+def x_of_heights(
+    block: Block, x: list[Column], z: list[Column], layout: Layout
+) -> ndarray:
+    """Where along x the columns of heights z are: in columns of their own, in titles
+    that do not only count, from 0 or 1, or by a start and a pitch, said or in words
+    where the file begins. Raises ScanError where those are not there, or differ.
     """
-    x, z = longest_list(block, "x"), longest_list(block, "z")
     if len(x) == len(z):
         return block.numbers(x, blank=True)
     places = np.array([cell_number(column.title) for column in z])

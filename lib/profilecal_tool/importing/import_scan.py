@@ -190,8 +190,10 @@ def which_hold_what(
     with_points = patterns_with_points(families, others, layout)
     unclear = [name for name in others if name not in with_points]
     # poses that no title tells are in the fewest files, or beside profiles
-    likely = [n for n in with_points if any(map(likely_pose, blocks_of(families[n])))]
-    with_poses = with_poses or unclear[::-1] or likely
+    with_poses = with_poses or unclear[::-1]
+    if not (with_poses or layout.poses):
+        beside = {name: blocks_of(families[name]) for name in with_points}
+        with_poses = [name for name in beside if any(map(likely_pose, beside[name]))]
     pose = layout.poses or one_or_ask(folder, with_poses, "holds the poses", "poses")
     # and profiles in those that are left, or both in the same
     blocks = blocks_of(families[pose])
