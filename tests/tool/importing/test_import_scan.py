@@ -401,6 +401,11 @@ SAID = {
         a_file("s.script", "set_tcp(p[0.012,-0.035,0.18,1.2,-1.2,-1.2])"),
         "tool s is declared",
     ),
+    "a tool in a remark": (
+        listed("# Tool: 1\nNr,X,Y,Z,A,B,C", "{n},{all}"),
+        one_each,
+        "of a tool without a name",
+    ),
     "an offset": (
         abb,
         by_target,
