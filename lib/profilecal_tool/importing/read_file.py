@@ -17,7 +17,7 @@ from profilecal_tool.importing.text_tables import BEGIN, text_blocks
 
 TOOL = rf"\b(?:{'|'.join(WORDS['tool'])})(?:\b|_)"
 NOT_0 = r"(?<![\w[])[\d.-]*[1-9]"  # a number, which is no index
-# that does not begin as numbers do, and is on no speed
+# a line that does not begin as numbers do and is not on a speed
 TOOL_LINE = re.compile(rf"(?im)^(?![\d+-]|.*speed).*{TOOL}.*{NOT_0}")
 NESTED = {".json", ".jsonl", ".ndjson", ".yaml", ".yml"}
 

@@ -50,8 +50,8 @@ def tools_in_data(blocks: Blocks, poses: Chosen, to_mm: float) -> list[Row]:
         stem = block.path.stem.lower()
         is_tool = block.kind == "tool" or (stem in WORDS["tool"] and not block.poses)
         if is_tool and not poses.robot:
-            is_line = block.path == poses.path
-            tools.append({"name": AT_ONCE if is_line else stem})
+            is_of_poses = block.path.is_relative_to(poses.path)
+            tools.append({"name": AT_ONCE if is_of_poses else stem})
         for frame in block.poses.values():
             name = (frame.entry or frame.sheet or stem).lower()
             if name not in WORDS["tool"]:
