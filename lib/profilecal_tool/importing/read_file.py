@@ -94,3 +94,5 @@ def sheet_blocks(path: Path) -> Iterator[Block]:
             text, name = re.sub("(?m)^;+$", "", text), ""
         for block in text_blocks(path, text):
             yield replace(block, sheet=name)
+        if has_tool(text[:BEGIN]):
+            yield Block(path, DataFrame(), [], kind="tool")
