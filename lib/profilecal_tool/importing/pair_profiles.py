@@ -178,15 +178,20 @@ class Match(NamedTuple):
         """What is compared."""
         return f"by {self.title} and the {self.way.what}"
 
+    @property
+    def has_all(self) -> bool:
+        """Whether it has a pose of its own for each profile."""
+        return len({*self.rows} - {-1}) == len(self.rows)
+
 
 def paired_by_label(poses: Chosen, names: Names) -> Pairing | None:
     """The pairing by the labels, and the names or numbers in them, that serve most
-    poses, and more than half of them and of the profiles.
+    poses, and more than half of them and of the profiles, or else all profiles.
 
     Raises ScanError where another column says otherwise of a profile, and where a label
     stands twice.
     """
-    matches = [match for match in matches_of(poses, names) if match.share > 0.5]
+    matches = [m for m in matches_of(poses, names) if m.share > 0.5 or m.has_all]
     if not matches:
         return None
     best = max(matches, key=lambda match: (match.way.is_whole, match.share))
@@ -242,7 +247,12 @@ def numbers_in(text: str) -> tuple:
 
 
 def time_in(text: str, unit_s: float) -> float:
-    """The time that a text says, s, in this unit if by a bare number; or NaN."""
+    """The time that a text says, s, in this unit if by a bare number; or NaN.
+
+    >>> [float(time_in(text, 1.0)) for text in ("31.12.1970 00:00:01", "00:00:01")]
+    [31449601.0, nan]
+    """
+    text = re.sub(r"(\d\d)\.(\d\d)\.((?:19|20)\d\d)", r"\3-\2-\1", text)  # German
     if match := STAMP.search(text):
         moment = "{}-{}-{}T{}:{}:{}".format(*match.groups())
         try:

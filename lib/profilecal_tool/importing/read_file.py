@@ -16,9 +16,9 @@ from profilecal_tool.importing.program_lines import OF_MOVES, program_blocks
 from profilecal_tool.importing.text_tables import BEGIN, text_blocks
 
 TOOL = rf"\b(?:{'|'.join(WORDS['tool'])})(?:\b|_)"
-NOT_0 = r"(?<![\w[])[\d.-]*[1-9]"  # a number, which is no index
-# a line that does not begin as numbers do and is not on a speed
-TOOL_LINE = re.compile(rf"(?im)^(?![\d+-]|.*speed).*{TOOL}.*{NOT_0}")
+NOT_0 = r"(?<!\w)(?!(?<=\[)\d+\])[\d.-]*[1-9]"  # a number, which is no [index]
+# a line that does not begin with a number and is not on a speed
+TOOL_LINE = re.compile(rf"(?im)^(?![+-]?[\d.]+[\s,;]|.*speed).*{TOOL}.*{NOT_0}")
 NESTED = {".json", ".jsonl", ".ndjson", ".yaml", ".yml"}
 
 
@@ -47,6 +47,8 @@ def has_tool(text: str) -> bool:
     """Whether a line says that there is a tool.
 
     >>> [has_tool(line) for line in ("# Tool: X 25.0, Y 0.0", "TCP,1")]
+    [True, True]
+    >>> [has_tool(line) for line in ("- TCP: Z 95.5", "2025-03-12 10:14 tcp_offset [9")]
     [True, True]
     >>> [has_tool(line) for line in ("# Tool: none", "Tool,0", "F_T_EE[1]", "1,tool,2")]
     [False, False, False, False]

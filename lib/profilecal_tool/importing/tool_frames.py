@@ -51,7 +51,7 @@ def tools_in_data(blocks: Blocks, poses: Chosen, to_mm: float) -> list[Row]:
         is_tool = block.kind == "tool" or (stem in WORDS["tool"] and not block.poses)
         if is_tool and not poses.robot:
             is_of_poses = block.path.is_relative_to(poses.path)
-            tools.append({"name": AT_ONCE if is_of_poses else stem})
+            tools.append({"name": AT_ONCE if is_of_poses else f"in {block.path.name}"})
         for frame in block.poses.values():
             name = (frame.entry or frame.sheet or stem).lower()
             if name not in WORDS["tool"]:
@@ -203,30 +203,31 @@ def numbers_of_tool(poses: Chosen, rows: list[Row], tool: str) -> Numbers | None
         for row in rows:
             numbers = tuple(float(row.get(role, "nan")) for role in poses.chosen)
             found[row.get("name", AT_ONCE).lower()].add(numbers)
-    tool = tool or AT_ONCE
-    if tool in found or tool not in {AT_ONCE, *WORDS["no_tool"]}:
-        whole = [numbers for numbers in found[tool] if np.isfinite(numbers).all()]
-        if len(whole) == 1:
-            return whole[0]
-        whose = f"tool {tool}" if tool else "a tool without a name"
-        letters = (*XYZ, *convention_of_tool(poses).columns)
-        raise Question(
-            f"{poses.path}: poses are of {whose}, of which {len(whole)} frames are "
-            "here; where is it on the flange? (X Y Z in mm, angles as poses have; all "
-            "0 for the flange's poses)",
-            tool=[*map(str.upper, letters)],
-        )
     # a frame that neither moves nor turns is none
     none = tuple(float(role in UNTURNED) for role in poses.chosen)
     declared = sorted(name for name, every in found.items() if every - {none})
-    if declared and tool == AT_ONCE:
-        answer = declared[0] if len(declared) == 1 else "NAME"
-        raise Question(
-            f"{poses.path}: tool {' or '.join(declared)} is declared, which no known "
-            "line uses; are poses of it? (--tool 0 0 0 0 0 0: of the flange)",
-            where=f"tool={answer}",
-        )
-    return None
+    if tool == AT_ONCE and declared and AT_ONCE not in found:
+        tool, *others = declared
+        if others or np.isfinite([*found[tool]]).all():
+            answer = "NAME" if others else tool
+            raise Question(
+                f"{poses.path}: tool {' or '.join(declared)} is declared, which no "
+                "known line uses; are poses of it? (--tool 0 0 0 0 0 0: of the flange)",
+                where=f"tool={answer}",
+            )
+    if tool not in found and tool in {AT_ONCE, *WORDS["no_tool"]}:
+        return None
+    whole = [numbers for numbers in found[tool] if np.isfinite(numbers).all()]
+    if len(whole) == 1:
+        return whole[0]
+    whose = f"tool {tool}" if tool else "a tool without a name"
+    letters = (*XYZ, *convention_of_tool(poses).columns)
+    raise Question(
+        f"{poses.path}: poses may be of {whose}, of which {len(whole) or 'no'} frames "
+        "are here; where is it on the flange? (X Y Z in mm, angles as poses have; all "
+        "0 for the flange's poses)",
+        tool=[*map(str.upper, letters)],
+    )
 
 
 def check_moves_beside(poses: Chosen, program: Program) -> None:

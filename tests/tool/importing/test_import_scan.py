@@ -165,7 +165,7 @@ FOLDERS |= {
     ),
     "a tool by its number": (
         people.of_tool("n,x,y,z,w,p,r,Tool-Nr", "{k},{all},3", "FANUC angles"),
-        "tool 3, of which 0 frames are here… --tool X Y Z W P R",
+        "tool 3, of which no frames are here… --tool X Y Z W P R",
     ),
     "a tool above": (people.of_tool_above, "tool tcp_offset is declared"),
     "brackets": (csv, each("[{:03d}].csv"), each("[{:03d}]b.csv"), "'[[]*].csv'"),
@@ -262,7 +262,7 @@ FOLDERS |= {
         abb,
         one_each,
         edited("scan.mod", "tooldata tScan", "tooldata tOther"),
-        "tool tscan, of which 0 frames",
+        "tool tscan, of which no frames",
     ),
     "a frame beside": (people.robot_states, "one at [0.012, -0.035, 0.18]"),
     "a frame with a name": (people.ur, "tcp1 at [0.012, -0.035, 0.18] m, taken off"),
@@ -275,7 +275,7 @@ FOLDERS |= {
             f"{{k}},{{all}},{where},0,0,30",
             "FANUC angles",
         ),
-        "a tool without a name, of which 0 frames are here… --tool X Y Z W P R",
+        "a tool without a name, of which no frames are here… --tool X Y Z W P R",
     )
     for unit, where in (("", "0.012,-0.035,0.18"), ("[cm]", "1.2,-3.5,18"))
 }
@@ -399,7 +399,7 @@ SAID = {
         people.of_tool("x,y,z,rx,ry,rz", "{all}", "rotation vector", 0.001),
         one_each,
         a_file("s.script", "set_tcp(p[0.012,-0.035,0.18,1.2,-1.2,-1.2])"),
-        "tool s is declared",
+        "poses may be of tool in s.script",
     ),
     "a tool in a remark": (
         listed("# Tool: 1\nNr,X,Y,Z,A,B,C", "{n},{all}"),
