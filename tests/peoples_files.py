@@ -319,10 +319,16 @@ def surface(path, points):
     write_lines(path, [line.replace("nan", "").replace(".", ",") for line in lines])
 
 
+HEADS = {
+    ".ply": "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\n"
+    "property float y\nproperty float z\nend_header",
+    ".pcd": "# PCD\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nPOINTS {}\nDATA ascii",
+}
+
+
 def point_cloud(path, points):
-    head = "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\n"
-    head += "property float y\nproperty float z\nend_header"
-    write_table(path, head.format(len(points)), with_y(points), " ")
+    head = HEADS[path.suffix].format(len(points))
+    write_table(path, head, with_y(points), " ")
 
 
 def numbered_columns(folder):
@@ -394,6 +400,7 @@ PROFILES = {
     "ragged": ragged,
     "stacked": stacked,
     "point clouds": every("cloud{}.ply", point_cloud),
+    "clouds of ROS": every("{}.pcd", point_cloud),
 }
 
 

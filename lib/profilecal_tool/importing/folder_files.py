@@ -7,7 +7,7 @@ from pathlib import Path
 
 from profilecal.scan.tables import ScanError
 
-BINARY = {".npy", ".npz", ".mat", ".ply"}
+BINARY = {".npy", ".npz", ".mat", ".ply", ".pcd"}
 SHEETS = {".xlsx", ".xlsm"}
 
 

@@ -111,9 +111,9 @@ def numbered_rows(node: dict) -> list[dict]:
 
 def binary_blocks(path: Path) -> Iterator[Block]:
     """The blocks of a file of arrays. Raises ScanError."""
-    reader = {".mat": matlab_arrays, ".ply": points_of_ply}
+    readers = {".mat": matlab_arrays, ".ply": points_of_ply, ".pcd": points_of_pcd}
     try:
-        arrays = reader.get(path.suffix.lower(), numpy_arrays)(path)
+        arrays = readers.get(path.suffix.lower(), numpy_arrays)(path)
     except Exception as error:  # each reader has its own
         raise ScanError(f"{path}: no arrays of numbers: is it cut short?") from error
     if all(name[-1:].isdigit() for name in arrays):  # one for each number
@@ -152,6 +152,20 @@ def points_of_ply(path: Path) -> Arrays:
 
     points = PlyData.read(path)["vertex"].data
     return {name: points[name] for name in points.dtype.names}
+
+
+def points_of_pcd(path: Path) -> Arrays:
+    """The columns of a point cloud of ROS, as text or as numbers of some bytes each."""
+    head, _, data = path.read_bytes().partition(b"\nDATA ")
+    way, _, points = data.partition(b"\n")
+    lines = dict(line.split(" ", 1) for line in head.decode().splitlines())
+    names, types, sizes = (lines[k].split() for k in ("FIELDS", "TYPE", "SIZE"))
+    if way.strip() == b"binary":
+        codes = zip(names, types, sizes, strict=True)  # F and 4: f4
+        cells = np.frombuffer(points, [(n, t.lower() + size) for n, t, size in codes])
+        return {name: cells[name] for name in names}
+    columns = np.loadtxt(points.splitlines(), ndmin=2).T  # compressed ones are no text
+    return dict(zip(names, columns, strict=True))
 
 
 def numpy_arrays(path: Path) -> Arrays:

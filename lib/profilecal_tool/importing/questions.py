@@ -80,8 +80,8 @@ def one_or_ask(place: Any, names: Sequence[str], what: str, option: str) -> str:
     """The one of some names. Raises ScanError for none, Question for several."""
     if not names:
         raise ScanError(
-            f"{place}: no file {what} (text, Excel, JSON, YAML, NumPy, MATLAB or PLY); "
-            f"--{option} FILES says which"
+            f"{place}: no file {what} (text, Excel, JSON, YAML, NumPy, MATLAB, PLY or "
+            f"PCD); --{option} FILES says which"
         )
     if len(names) > 1:
         answer = {option: names[0]}
