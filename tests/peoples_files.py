@@ -301,8 +301,8 @@ def unseen_at_first(path, points):
 
 def opencv_list(path, points):
     numbers = text(with_y(points).ravel(), ", ").replace("nan", ".Nan")
-    lines = ["%YAML:1.0", "---", f"profile: [ {numbers} ]"]
-    write_lines(path, [*lines, "picked: [ 1., 0., 2. ]"])
+    lines = f"profile: [ {numbers} ]\npicked: [ 1., 0., 2. ]"
+    write_lines(path, ["%YAML:1.0", "---", lines])
 
 
 def archive(path, points):
@@ -327,8 +327,7 @@ HEADS = {
 
 
 def point_cloud(path, points):
-    head = HEADS[path.suffix].format(len(points))
-    write_table(path, head, with_y(points), " ")
+    write_table(path, HEADS[path.suffix].format(len(points)), with_y(points), " ")
 
 
 def numbered_columns(folder):

@@ -129,15 +129,15 @@ def ways_to_compare(labels: Names, names: Names) -> Iterator[Way]:
     >>> for way in ways_to_compare(["p1", "p2", "p3"], ["a/scan_0.csv", "scan_1"]):
     ...     print(*way)
     True names ['p1', 'p2', 'p3'] ['scan_0', 'scan_1']
-    False number 1 in the names +1 [1, 2, 3] [1, 2]
+    False number in place 1 of the names +1 [1, 2, 3] [1, 2]
     >>> for way in ways_to_compare(["1.1", "1.10"], ["1", "2"]):
     ...     print(*way)
     True numbers in the names [(1, 1), (1, 10)] [(1,), (2,)]
-    False number 1 in the names [1, 10] (1, 2)
+    False number in place 1 of the names [1, 10] (1, 2)
 
     >>> for way in ways_to_compare(["P 2", "P 3", "P 4"], ["1", "2", "3"]):
     ...     print(*way)
-    False number 1 in the names +1 [2, 3, 4] [2, 3, 4]
+    False number in place 1 of the names +1 [2, 3, 4] [2, 3, 4]
 
     Names are without folder and ending; they are no names if they are only numbers.
     Several numbers, as in 1.10, are compared as a whole too, or else the last of a
@@ -157,7 +157,7 @@ def ways_to_compare(labels: Names, names: Names) -> Iterator[Way]:
         if None not in last and len({*sought}) == len({*last}):
             shift = min(last) - min(sought)
         shifted = [one + shift for one in sought]
-        what = f"number {k} in the names"
+        what = f"number in place {k} of the names"
         fits, fits_shifted = ({*some} <= {*last} for some in (sought, shifted))
         if fits or not fits_shifted:
             yield Way(False, what, last, sought)

@@ -209,34 +209,34 @@ FOLDERS |= {
     "a date and a number": (
         german("Laufnummer"),
         each("20240503_1412{0:02}_{0:03}.csv"),
-        "number 1",
+        "number in place 1",
     ),
     "a folder each": (
         people.matrices(name="{}/pose.txt"),
         each("{}/profile.csv"),
-        "number 1",
+        "number in place 1",
     ),
     "Chinese": (
         german("序号", encoding="gb18030"),
         each("轮廓{}.csv", "X坐标(毫米),高度(毫米)", encoding="gb18030"),
-        "number 1",
+        "number in place 1",
     ),
     "UTF-16": (
         german("Nr.", encoding="utf-16"),
         each("p{}.txt", encoding="utf-16", begin=1),
-        "number 1 in the names -1",
+        "number in place 1 of the names -1",
     ),
     "a pose before": (
         listed("Nr,X,Y,Z,A,B,C\nref,400,0,600,0,90,0\n0,400,0,600,0,90,0", "{n},{all}"),
         each("profile_{:03}.csv", begin=1),
-        "number 1 in the names; left out, without a profile: ref, 0",
+        "number in place 1 of the names; left out, without a profile: ref, 0",
     ),
     "units below": (
         upwards(
             "Nr;X;Y;Z;A;B;C\n;[m];[m];[m];°;°;°", "{k};{all}", scale=1e-3, between=";"
         ),
         each("p{}.csv", "# x,z\r\n# mm,mm"),
-        "number 1 in the names",
+        "number in place 1 of the names",
     ),
     "milliseconds": (
         log_with_stops,
@@ -442,7 +442,7 @@ SAID = {
         listed("n,x,y,z,a,b,c", "{n},{all}"),
         one_each,
         edited("poses.csv", "\n6,", "\n99,"),
-        "number 1 in the names +1; left out, without a pose: scan_005; ",
+        "number in place 1 of the names +1; left out, without a pose: scan_005; ",
     ),
     "a sample in each file": (
         listed(
@@ -579,7 +579,7 @@ SAID = {
     "no poses": (nothing, one_each, "no file holds the poses"),
     "two numbers": (
         upwards("Zeile,Bahnpunkt,X,Y,Z,A,B,C", "{at},{k},{all}"),
-        "by Zeile and the number 1 … or by Bahnpunkt and the number 1",
+        "by Zeile and the number in place 1 … or by Bahnpunkt and the number in",
     ),
     "another clock": (
         tum,
