@@ -14,8 +14,9 @@ LARGEST_PROGRAM = 2_000_000  # characters; what is longer is a table
 # kinds of lines; poses come last, or else a line of a tool would be one of a pose
 KINDS = "base", "tool", "uses", "beside", "pose"
 OF_MOVES = {"uses", "beside"}  # which may have a pose in them too
-WORD = r"[\w$][\w$.\[\]-]*?"  # what stands where $name, $tool or $base does
-CELL = r"[^\s,;:()\[\]{}\"'=]+"  # a number, or ******** in place of one
+WORD = r"[\w$][\w$.\[\]-]*?"
+WORDS = {"name": WORD, "tool": WORD, "base": WORD, "words": "[^'\n]*"}  # at $name, …
+CELL = r"[^\s,;:()\[\]{}\"'=]+"  # at others: a number, or ******** in place of one
 SIGNS = {"…": r"[^{};<>\n]*?", "⋮": r"[^{};<>]*?", "^": r"^[ \t]*(?:\d+[ \t]+)??"}
 NONE = DataFrame()  # one for all: to make each takes longer than to look for lines
 
@@ -30,8 +31,7 @@ def expression_of(form: str) -> re.Pattern:
     for token, after in pairwise([*tokens, ""]):
         name = token[1:]
         if token[0] == "$" and name:
-            cell = WORD if name in ("name", "tool", "base") else CELL
-            parts.append(f"(?P<{name}>{cell})")
+            parts.append(f"(?P<{name}>{WORDS.get(name, CELL)})")
         elif token.isspace():
             parts.append(r"[ \t]+")
         elif token[0].isalnum():

@@ -96,7 +96,7 @@ def robot_poses(files: Files, layout: Layout) -> Chosen:
         if block.titles != first.titles:
             titles = listed(block.titles)
             raise ScanError(f"{block.path}: columns {titles}, where others differ")
-    table = concat([block.table for block in poses])
+    table = concat([block.table for block in poses]).copy()  # as one piece
     if len(files) == 1:
         return replace(first, table=table)
     # a further column of the files' names; where a row stands says the file too
