@@ -3,7 +3,7 @@
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -54,7 +54,7 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Block:
-    """A table in a file."""
+    """A table in a file, with a pose or a point in each row where one is chosen."""
 
     path: Path
     table: DataFrame  # the index is where a row stands in the file
@@ -62,6 +62,9 @@ class Block:
     robot: str = ""  # the maker whose program it is of
     kind: str = "pose"  # of a program's lines: one of `program_lines.KINDS`
     sheet: str = ""  # the name of its sheet, if there are several
+    # of a pose, or a point, that is chosen: its columns, by role
+    chosen: dict[str, Column] = field(default_factory=dict)
+    entry: str = ""  # their name, as --entry says it
 
     @property
     def titles(self) -> list[str]:
@@ -95,11 +98,6 @@ class Block:
         """The same of some rows, by where they stand in the table."""
         return replace(self, table=self.table.iloc[rows])
 
-    def choosing(self, chosen: dict[str, Column], entry: str) -> "Chosen":
-        """The rows with a pose, or a point, in these columns."""
-        of_block = {field.name: getattr(self, field.name) for field in fields(Block)}
-        return Chosen(**of_block, chosen=chosen, entry=entry)
-
     @property
     def labels(self) -> dict[str, list[str]]:
         """What may be labels of the rows, by title: columns titled as labels, and
@@ -116,7 +114,7 @@ class Block:
         return [label_of(cell) for c in columns for cell in self.table[c.at]]
 
     @cached_property
-    def poses(self) -> dict[str, "Chosen"]:
+    def poses(self) -> dict[str, Self]:
         """The poses of its rows, by their entries: a position, and angles of the same
         owner, or else of owners without a position; one for each convention.
         """
@@ -134,7 +132,7 @@ class Block:
                 names = [self.robot, owner, one.name if len(conventions) > 1 else ""]
                 entry = " ".join(filter(None, names))
                 chosen = {role: (loose | own)[role] for role in (*XYZ, *one.columns)}
-                poses[entry] = self.choosing(chosen, entry)
+                poses[entry] = replace(self, chosen=chosen, entry=entry)
         return poses
 
     @cached_property
@@ -146,16 +144,6 @@ class Block:
     def having(self, *roles: str) -> list[Column]:
         """The columns of no pose that have some roles, in the order of the roles."""
         return [c for role in roles for c in self.unposed if c.role == role]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Chosen(Block):
-    """A block with a pose, or a point, chosen in each row; its poses, and the columns
-    of none, are still the block's.
-    """
-
-    chosen: dict[str, Column]  # its columns, by role
-    entry: str  # their name, as --entry says it
 
     @property
     def convention(self) -> Convention:
@@ -180,9 +168,7 @@ def conventions_in(roles: dict[str, Column]) -> list[Convention]:
     return [one for one in CONVENTIONS if roles.keys() >= {*one.columns}]
 
 
-def of_one_entry(
-    blocks: list[Chosen], said: str, liked: str, what: str
-) -> list[Chosen]:
+def of_one_entry(blocks: Blocks, said: str, liked: str, what: str) -> Blocks:
     """The blocks of one entry: the one that a user says; or else one without a name,
     such as x, y, z; or else of the robot, and with a word that is liked, such as
     flange. Raises Question for several.

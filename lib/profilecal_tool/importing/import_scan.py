@@ -17,7 +17,6 @@ from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.blocks import (
     Block,
     Blocks,
-    Chosen,
     Files,
     counted,
     label_of,
@@ -88,7 +87,7 @@ def import_scan(
     return scan_of(folder, header | fields | measured), taken
 
 
-def read_folder(folder: Path, layout: Layout) -> tuple[Chosen, Profiles, Blocks, Taken]:
+def read_folder(folder: Path, layout: Layout) -> tuple[Block, Profiles, Blocks, Taken]:
     """The robot's poses, the profiles, all that files hold, and what was taken for
     granted. Raises ScanError.
     """

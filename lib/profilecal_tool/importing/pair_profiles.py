@@ -10,7 +10,7 @@ from pandas import Series, to_numeric
 from pandas.api.types import is_numeric_dtype
 
 from profilecal.scan.tables import ScanError, cell_number, listed
-from profilecal_tool.importing.blocks import Chosen
+from profilecal_tool.importing.blocks import Block
 from profilecal_tool.importing.makers import TIME_UNITS, XYZ, scale_of
 from profilecal_tool.importing.questions import Layout
 
@@ -39,7 +39,7 @@ class Pairing(NamedTuple):
     times: Times | None = None  # in motion
 
 
-def pair_profiles(poses: Chosen, names: Names, moves: Names, layout: Layout) -> Pairing:
+def pair_profiles(poses: Block, names: Names, moves: Names, layout: Layout) -> Pairing:
     """The poses that have a profile, and it, by its name, "" where it has none;
     `moves`: the poses' names as a program's lines use them.
 
@@ -59,7 +59,7 @@ def pair_profiles(poses: Chosen, names: Names, moves: Names, layout: Layout) -> 
     return paired_in_order(poses, names, moves, times, layout)
 
 
-def pairing_of(poses: Chosen, names: Names, found: ndarray, how: str) -> Pairing:
+def pairing_of(poses: Block, names: Names, found: ndarray, how: str) -> Pairing:
     """The pairing of profiles whose poses were found in these rows (P,), -1: none; in
     the order of the poses. Raises ScanError where none was found.
     """
@@ -78,7 +78,7 @@ def pairing_of(poses: Chosen, names: Names, found: ndarray, how: str) -> Pairing
 
 
 def paired_in_order(
-    poses: Chosen, names: Names, moves: Names, times: Times | None, layout: Layout
+    poses: Block, names: Names, moves: Names, times: Times | None, layout: Layout
 ) -> Pairing:
     """The poses as a program's lines use them, or as they are listed.
 
@@ -184,7 +184,7 @@ class Match(NamedTuple):
         return len({*self.rows} - {-1}) == len(self.rows)
 
 
-def paired_by_label(poses: Chosen, names: Names) -> Pairing | None:
+def paired_by_label(poses: Block, names: Names) -> Pairing | None:
     """The pairing by the labels, and the names or numbers in them, that serve most
     poses, and more than half of them and of the profiles, or else all profiles.
 
@@ -208,7 +208,7 @@ def paired_by_label(poses: Chosen, names: Names) -> Pairing | None:
     return pairing_of(poses, names, best.rows, best.how)
 
 
-def matches_of(poses: Chosen, names: Names) -> Iterator[Match]:
+def matches_of(poses: Block, names: Names) -> Iterator[Match]:
     """The ways to compare each column of labels with the names of profiles."""
     for title, labels in poses.labels.items():
         for way in ways_to_compare(labels, names):
@@ -218,9 +218,7 @@ def matches_of(poses: Chosen, names: Names) -> Iterator[Match]:
             yield Match(way, title, rows, share)
 
 
-def check_others(
-    poses: Chosen, names: Names, best: Match, matches: list[Match]
-) -> None:
+def check_others(poses: Block, names: Names, best: Match, matches: list[Match]) -> None:
     """Raise ScanError where a match that is as good as the best, or of another column,
     in which a lost cell makes it serve fewer, has another pose for a profile.
     """
@@ -269,7 +267,7 @@ def time_in(text: str, unit_s: float) -> float:
     return value
 
 
-def times_of(poses: Chosen, names: Names, layout: Layout) -> Times | None:
+def times_of(poses: Block, names: Names, layout: Layout) -> Times | None:
     """The times of poses and profiles, if all have some, in the unit of the poses; in s
     if a user says them. Raises ScanError for numbers of an unknown unit.
     """
@@ -290,7 +288,7 @@ def times_of(poses: Chosen, names: Names, layout: Layout) -> Times | None:
     return Times(log, profiles) if np.isfinite([*log, *profiles]).all() else None
 
 
-def paired_by_time(poses: Chosen, names: Names, times: Times) -> Pairing | None:
+def paired_by_time(poses: Block, names: Names, times: Times) -> Pairing | None:
     """The poses nearest in time, of a log only those where the robot stands still; or
     the log, where profiles were taken as the robot moved; None by another clock.
     """

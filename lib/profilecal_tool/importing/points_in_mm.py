@@ -7,7 +7,7 @@ from numpy import ndarray
 
 from profilecal.geometry.checks import FARTHEST_MM, READINGS_MM
 from profilecal.scan.tables import ScanError, listed
-from profilecal_tool.importing.blocks import Chosen
+from profilecal_tool.importing.blocks import Blocks
 from profilecal_tool.importing.makers import LENGTH_UNITS, UNIT_OF_CODE, scale_of
 from profilecal_tool.importing.questions import Layout, Question, Taken, ranges
 
@@ -16,7 +16,7 @@ NARROW_MM = 10.0  # few scanners see so little: it may be cm or inches
 A_GAP = 1 / 3  # of the extent of all points: surfaces that are seen are nearer
 
 
-def in_mm(place: Path, tables: list[Chosen], layout: Layout) -> tuple[ndarray, Taken]:
+def in_mm(place: Path, tables: Blocks, layout: Layout) -> tuple[ndarray, Taken]:
     """The points (n, 2) of tables as mm, NaN where nothing was seen; and what was taken
     for granted. Raises ScanError; Question where a code or the unit is uncertain.
     """
@@ -43,7 +43,7 @@ def in_mm(place: Path, tables: list[Chosen], layout: Layout) -> tuple[ndarray, T
     return xz, {"columns": columns, "unit": unit, "missing": missing}
 
 
-def units_said(tables: list[Chosen], codes: list[float], layout: Layout) -> set[str]:
+def units_said(tables: Blocks, codes: list[float], layout: Layout) -> set[str]:
     """The units of points that a user says, or titles, or codes for nothing seen."""
     if layout.unit:
         return {layout.unit}

@@ -16,7 +16,6 @@ from profilecal.scan.tables import ScanError, Table, listed
 from profilecal_tool.importing.blocks import (
     Block,
     Blocks,
-    Chosen,
     Column,
     Files,
     columns_titled,
@@ -58,10 +57,10 @@ class Likely(NamedTuple):
     unit: str = ""  # of those that say none
 
 
-def poses_in(blocks: Blocks, said: str) -> list[Chosen]:
+def poses_in(blocks: Blocks, said: str) -> Blocks:
     """The poses in the blocks of a file; `said`: titles from a user."""
     titles = said.split(",")
-    found: list[Chosen] = []
+    found: Blocks = []
     for block in blocks:
         rows = block.table
         # matrices below one another, each closed by its last row
@@ -81,9 +80,9 @@ def retitled(block: Block, table: DataFrame, titles: list[str]) -> Block:
     return replace(block, table=table, columns=columns_titled(table, titles))
 
 
-def robot_poses(files: Files, layout: Layout) -> Chosen:
+def robot_poses(files: Files, layout: Layout) -> Block:
     """The robot's poses in files. Raises ScanError; Question where it is uncertain."""
-    poses: list[Chosen] = []
+    poses: Blocks = []
     for path, blocks in files.items():
         found = poses_in(blocks, layout.pose_columns)
         if not found:
@@ -116,7 +115,7 @@ def robot_poses(files: Files, layout: Layout) -> Chosen:
     return replace(first, path=place, table=table, columns=columns)
 
 
-def check_robot(poses: Chosen, said: str) -> None:
+def check_robot(poses: Block, said: str) -> None:
     """Raise Question where poses are of something else than the robot, which is not the
     entry that a user says.
     """
@@ -128,7 +127,7 @@ def check_robot(poses: Chosen, said: str) -> None:
         )
 
 
-def check_columns(poses: Chosen) -> None:
+def check_columns(poses: Block) -> None:
     """Raise ScanError where poses are inverses by their name, or where further columns
     of the same owner are called alike, but for x and z, which may be a profile's.
     """
@@ -203,7 +202,7 @@ def question_on_columns(block: Block, sentence: str, *likely: Likely) -> ScanErr
     return Question(sentence, pose_columns=",".join(titles))
 
 
-def length_scale(poses: Chosen) -> tuple[float, str]:
+def length_scale(poses: Block) -> tuple[float, str]:
     """The scale of positions to mm, and their unit. Raises Question where that may be
     cm or inches.
     """
@@ -220,7 +219,7 @@ def length_scale(poses: Chosen) -> tuple[float, str]:
     return scale_of(poses.path, units, usual, LENGTH_UNITS)
 
 
-def angle_scale(poses: Chosen) -> tuple[float, str]:
+def angle_scale(poses: Block) -> tuple[float, str]:
     """The scale of angles to the unit of their convention, degrees or for a vector
     radians, and their unit; 1 and "" for numbers that have none. Raises Question where
     it may be another.
@@ -254,7 +253,7 @@ def likely_angle(numbers: np.ndarray) -> str:
     return "rad" if np.abs(numbers).max() <= 2 * np.pi else ""
 
 
-def pose_fields(poses: Chosen, labels: list[str]) -> tuple[Fields, Taken]:
+def pose_fields(poses: Block, labels: list[str]) -> tuple[Fields, Taken]:
     """Fields of a Scan, and what was taken for granted. Raises ScanError; Question for
     a unit.
     """

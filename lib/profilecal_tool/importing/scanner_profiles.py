@@ -1,5 +1,6 @@
 """Profiles in files: their points, and what tells one profile from the next."""
 
+from dataclasses import replace
 from os.path import commonpath
 from pathlib import Path
 from typing import NamedTuple
@@ -12,7 +13,6 @@ from profilecal.scan.tables import ScanError, listed
 from profilecal_tool.importing.blocks import (
     Block,
     Blocks,
-    Chosen,
     Column,
     Files,
     column_titled,
@@ -24,7 +24,7 @@ from profilecal_tool.importing.points_in_mm import in_mm
 from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_ask
 
 
-def points_in(block: Block, said: str) -> Chosen | None:
+def points_in(block: Block, said: str) -> Block | None:
     """The points of a block, by the columns that a user says, or else by titles.
 
     Raises ScanError; Question for several.
@@ -45,7 +45,7 @@ def points_in(block: Block, said: str) -> Chosen | None:
         raise ScanError(f"--columns {said}: x and z are one column")
     # without an owner, blocks of the same titles are one entry
     entry = x.owner or ",".join(block.titles[:4])
-    return block.choosing({"x": x, "z": z}, entry)
+    return replace(block, chosen={"x": x, "z": z}, entry=entry)
 
 
 def columns_said(block: Block, said: str) -> list[Column]:
@@ -61,7 +61,7 @@ def columns_said(block: Block, said: str) -> list[Column]:
     return [c._replace(unit=unit or c.unit) for c, unit in found if c]
 
 
-def points_of_file(blocks: Blocks, layout: Layout) -> list[Chosen]:
+def points_of_file(blocks: Blocks, layout: Layout) -> Blocks:
     """The points in the blocks of a file, of one entry; none where the largest block
     has none. Raises Question.
     """
@@ -109,7 +109,7 @@ def read_profiles(
     return Profiles([*rows.index], points, tables[0].entry), taken
 
 
-def points_or_ask(blocks: Blocks, layout: Layout) -> list[Chosen]:
+def points_or_ask(blocks: Blocks, layout: Layout) -> Blocks:
     """The points in a file; none of one that is empty. Raises ScanError."""
     tables = points_of_file(blocks, layout)
     if not tables and any(len(block.table) > 1 for block in blocks):
@@ -117,7 +117,7 @@ def points_or_ask(blocks: Blocks, layout: Layout) -> list[Chosen]:
     return tables
 
 
-def rows_of_one(tables: list[Chosen], layout: Layout) -> int:
+def rows_of_one(tables: Blocks, layout: Layout) -> int:
     """How many rows the one profile in a file has, whose tables are below one another.
 
     Raises ScanError for tables between blank lines: no title tells what they are.
@@ -129,7 +129,7 @@ def rows_of_one(tables: list[Chosen], layout: Layout) -> int:
     return sum(rows_of_each(points, 1, layout).sum() for points in tables)
 
 
-def rows_of_each(points: Chosen, expected: int, layout: Layout) -> Series:
+def rows_of_each(points: Block, expected: int, layout: Layout) -> Series:
     """How many rows each profile in a table has, under its name, or its sheet's; they
     follow each other, as `profile_of_each_row` tells. Raises Question.
     """
@@ -139,7 +139,7 @@ def rows_of_each(points: Chosen, expected: int, layout: Layout) -> Series:
     return Series(rows, names or [points.sheet] * len(rows))
 
 
-def profile_of_each_row(points: Chosen, expected: int) -> tuple[ndarray, list[str]]:
+def profile_of_each_row(points: Block, expected: int) -> tuple[ndarray, list[str]]:
     """The profile of each row, from 0, and what profiles are called, if they are. So
     many are expected, 0 where that is not known; if several, or not known, they are
     told by the first of these that the table has::
@@ -177,7 +177,7 @@ def profile_of_each_row(points: Chosen, expected: int) -> tuple[ndarray, list[st
     return profile - profile[0], []
 
 
-def check_one_section(points: Chosen, profile: ndarray, layout: Layout) -> None:
+def check_one_section(points: Block, profile: ndarray, layout: Layout) -> None:
     """Raise Question where rows of a profile are of several scanners or sections, or
     lie along y.
     """

@@ -11,7 +11,7 @@ from pandas import DataFrame
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import Convention, pose_matrices
 from profilecal.scan.tables import ScanError, listed, naming
-from profilecal_tool.importing.blocks import Blocks, Chosen, label_of
+from profilecal_tool.importing.blocks import Block, Blocks, label_of
 from profilecal_tool.importing.makers import ROBOTS, WORDS, XYZ
 from profilecal_tool.importing.program_lines import OF_MOVES
 from profilecal_tool.importing.questions import Layout, Question
@@ -39,7 +39,7 @@ def lines_of_program(blocks: Blocks, maker: str) -> Program:
     return program
 
 
-def tools_in_data(blocks: Blocks, poses: Chosen, to_mm: float) -> list[Row]:
+def tools_in_data(blocks: Blocks, poses: Block, to_mm: float) -> list[Row]:
     """Frames that no program of these poses declares: poses that do not change and are
     called a tool; and, beside poses in a table, files that are called so or have a line
     on one. Without numbers where these are not known, or may be in other units than the
@@ -71,8 +71,8 @@ def tools_in_data(blocks: Blocks, poses: Chosen, to_mm: float) -> list[Row]:
 
 
 def of_one_frame(
-    poses: Chosen, program: Program, which: str, layout: Layout
-) -> tuple[Chosen, str]:
+    poses: Block, program: Program, which: str, layout: Layout
+) -> tuple[Block, str]:
     """The poses of one frame, and its name: the one that a user wants, or else the only
     one that there is; "" if none is known. `which`: "tool" or "base".
 
@@ -94,9 +94,7 @@ def of_one_frame(
     return without(poses, others), wanted
 
 
-def only_frame(
-    poses: Chosen, of_pose: dict[str, list], of_all: list, which: str
-) -> str:
+def only_frame(poses: Block, of_pose: dict[str, list], of_all: list, which: str) -> str:
     """The only frame that lines and columns say; "" if there is none. That some poses
     have none says nothing of the others::
 
@@ -132,7 +130,7 @@ def frames_said(program: Program, which: str) -> tuple[dict[str, list], list]:
 
 
 def question_on_frames(
-    poses: Chosen, frames: list[str], which: str, of_all: list[str]
+    poses: Block, frames: list[str], which: str, of_all: list[str]
 ) -> Question:
     """Of which frame the poses are: likely of that of all, or else of the one that is
     used most often; of equals a program's first tool, but in a table the flange.
@@ -145,15 +143,15 @@ def question_on_frames(
     return Question(f"{several}; of which are the poses?", where=f"{which}={answer}")
 
 
-def without(poses: Chosen, names: set[str]) -> Chosen:
+def without(poses: Block, names: set[str]) -> Block:
     """The poses but for those of some names, in small letters."""
     kept = [row for row, name in enumerate(poses.names) if name.lower() not in names]
     return poses.rows_at(kept) if poses.names else poses
 
 
 def of_one_tool(
-    poses: Chosen, program: Program, blocks: Blocks, layout: Layout
-) -> tuple[Chosen, ndarray | None, str]:
+    poses: Block, program: Program, blocks: Blocks, layout: Layout
+) -> tuple[Block, ndarray | None, str]:
     """The poses of one tool, as their program and blocks of all files say; where it is
     on the flange (4, 4), mm, None for the flange itself; and words on it.
 
@@ -185,7 +183,7 @@ def of_one_tool(
 
 
 def matrix_of(
-    numbers: Numbers, to_mm: float, convention: Convention, poses: Chosen
+    numbers: Numbers, to_mm: float, convention: Convention, poses: Block
 ) -> ndarray:
     """A tool's frame on the flange (4, 4), mm; its angles have the poses' unit."""
     scale, _ = angle_scale(poses)
@@ -193,7 +191,7 @@ def matrix_of(
     return pose_matrices(position * to_mm, angles * scale, convention.name)[0]
 
 
-def numbers_of_tool(poses: Chosen, rows: list[Row], tool: str) -> Numbers | None:
+def numbers_of_tool(poses: Block, rows: list[Row], tool: str) -> Numbers | None:
     """The numbers of the tool that poses have, by its name, "" if none is known; None
     where they are the flange's. `rows` say of tools their names and their numbers, in
     the poses' convention. Raises Question.
@@ -230,7 +228,7 @@ def numbers_of_tool(poses: Chosen, rows: list[Row], tool: str) -> Numbers | None
     )
 
 
-def check_moves_beside(poses: Chosen, program: Program) -> None:
+def check_moves_beside(poses: Block, program: Program) -> None:
     """Raise ScanError where lines move beside one of these poses, and none to it."""
     names = {kind: {row.get("name") for row in program[kind]} for kind in OF_MOVES}
     beside = names["beside"] - names["uses"]
@@ -241,7 +239,7 @@ def check_moves_beside(poses: Chosen, program: Program) -> None:
         )
 
 
-def convention_of_tool(poses: Chosen) -> Convention:
+def convention_of_tool(poses: Block) -> Convention:
     """The convention in which a user says a tool's angles: the poses', or W, P, R where
     these have no three.
     """
