@@ -110,8 +110,7 @@ class Block:
     @property
     def names(self) -> list[str]:
         """The names that a program gives the rows; none elsewhere."""
-        columns = [column for column in self.columns if column.title == "name"]
-        return [label_of(cell) for c in columns for cell in self.table[c.at]]
+        return self.labels.get("name", [])
 
     @cached_property
     def poses(self) -> dict[str, Self]:

@@ -85,8 +85,8 @@ def paired_in_order(
     Raises ScanError where there are not as many profiles, where times are said, which
     then no pose has, or where numbers say another order, or times of another clock.
     """
-    labels = next(iter(poses.labels.values()), [])  # a program's only ones are names
-    in_program = [labels.index(n) for n in dict.fromkeys(moves) if n in labels]
+    known = poses.names
+    in_program = [known.index(name) for name in dict.fromkeys(moves) if name in known]
     rows = np.array(in_program or range(len(poses.table)))
     if layout.times or len(names) != len(rows):
         counts = f"{len(names)} profiles for {len(rows)} poses"
