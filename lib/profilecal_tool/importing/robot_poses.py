@@ -1,11 +1,11 @@
 """The robot's poses: their numbers as they stand, their units, and whose they are."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import chain
 from os.path import commonpath
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pandas import DataFrame, concat, to_numeric
@@ -47,14 +47,6 @@ FANUC = named("FANUC angles")
 OF_ABB = named("quaternion").columns
 OF_VECTOR = ("rx", "ry", "rz")
 OF_LIBRARIES = ("qx", "qy", "qz", "qw")
-
-
-class Likely(NamedTuple):
-    """What columns likely are."""
-
-    columns: list[Column]
-    roles: Sequence[str]
-    unit: str = ""  # of those that say none
 
 
 def poses_in(blocks: Blocks, said: str) -> Blocks:
@@ -157,10 +149,18 @@ def question_on_file(path: Path, blocks: Blocks, said: str) -> ScanError:
         sentence = f"no pose in {said}"
     elif block.having("joint") and not likely:
         sentence = "joint angles: export Cartesian poses"
-    return question_on_columns(block, sentence, *likely)
+    return question_on_columns(block, sentence, likely)
 
 
-def likely_pose(block: Block) -> list[Likely]:
+def with_roles(
+    columns: Iterable[Column], roles: Iterable[str], unit: str = ""
+) -> list[Column]:
+    """Columns as they likely are, in a unit where they say none."""
+    pairs = zip(columns, roles, strict=True)
+    return [c._replace(role=role, unit=c.unit or unit) for c, role in pairs]
+
+
+def likely_pose(block: Block) -> list[Column]:
     """What columns of numbers likely are: three of a position, or of no known role, and
     behind them W, P, R or, of unit length, a quaternion, which may stand before them.
     """
@@ -178,28 +178,26 @@ def likely_pose(block: Block) -> list[Likely]:
             unit = likely_angle(numbers)
             is_vector = unit and rest[0] in chain(*lists)  # as Universal Robots have it
             roles = OF_VECTOR if is_vector else FANUC.columns
-            orientation = Likely(rest, roles, unit)
+            orientation = with_roles(rest, roles, unit)
         elif len(rest) == 4 and is_unit:
             is_abb = rest[0].name.endswith(("0", "1"))  # of q0 … q3, q1 … q4
-            orientation = Likely(rest, OF_ABB if is_abb else OF_LIBRARIES)
+            orientation = with_roles(rest, OF_ABB if is_abb else OF_LIBRARIES)
         if orientation and [c.role for c in position] in ([*XYZ], 3 * [""]):
-            return [Likely(position, XYZ), orientation]
+            return with_roles(position, XYZ) + orientation
     return []
 
 
-def question_on_columns(block: Block, sentence: str, *likely: Likely) -> ScanError:
+def question_on_columns(
+    block: Block, sentence: str, likely: Sequence[Column] = ()
+) -> ScanError:
     """A Question on what columns of poses are, with an answer by what some likely are;
     a ScanError if nothing is likely.
     """
     sentence = f"{block.path}: columns {listed(block.titles)}; {sentence} ({HINT})"
     if not likely:
         return ScanError(sentence)
-    answers = {column.at: column for column in block.columns if column.at >= 0}
-    for one in likely:
-        for c, role in zip(one.columns, one.roles, strict=True):
-            answers[c.at] = c._replace(role=role, unit=c.unit or one.unit)
-    titles = [column.answer for column in answers.values()]
-    return Question(sentence, pose_columns=",".join(titles))
+    answers = {c.at: c.answer for c in (*block.columns, *likely) if c.at >= 0}
+    return Question(sentence, pose_columns=",".join(answers.values()))
 
 
 def length_scale(poses: Block) -> tuple[float, str]:
@@ -214,8 +212,8 @@ def length_scale(poses: Block) -> tuple[float, str]:
         # one number, in m too far for a robot and in mm too near
         if not units and FARTHEST_M <= farthest < NEAR_MM:
             doubt = f"positions up to {farthest:.4g}; cm, in or mm?"
-            position = [poses.chosen[axis] for axis in XYZ]
-            raise question_on_columns(poses, doubt, Likely(position, XYZ, "cm"))
+            in_cm = [poses.chosen[axis]._replace(unit="cm") for axis in XYZ]
+            raise question_on_columns(poses, doubt, in_cm)
     return scale_of(poses.path, units, usual, LENGTH_UNITS)
 
 
@@ -237,14 +235,15 @@ def angle_scale(poses: Block) -> tuple[float, str]:
     # controllers write such angles in degrees, programmers in either
     if convention.sequence and likely and not units:
         doubt = f"angles up to {np.abs(numbers).max():.4g}; which, rad or deg?"
-        raise question_on_columns(poses, doubt, Likely(columns, roles, likely))
+        raise question_on_columns(poses, doubt, with_roles(columns, roles, likely))
     length = np.linalg.norm(numbers, axis=1).max()
     is_long = length > np.pi and not (units or poses.robot)
     # angles that are called like a vector, most often W, P, R
     if not convention.sequence and (is_long or scale != 1):
         what = listed(units) or "rad, longer than pi"
         doubt = f"a vector of {length:.4g} {what}; are they w, p, r?"
-        raise question_on_columns(poses, doubt, Likely(columns, FANUC.columns, likely))
+        of_fanuc = with_roles(columns, FANUC.columns, likely)
+        raise question_on_columns(poses, doubt, of_fanuc)
     return scale, unit
 
 
