@@ -27,6 +27,7 @@ Numbers = Sequence[float]  # of a tool: its position and angles, as they stand
 Program = dict[str, list[Row]]  # the rows of each kind of line
 UNTURNED = {"qw", "r11", "r22", "r33"}  # are 1 in a frame that does not turn
 AT_ONCE = ""  # the name of a tool that is used where it is declared, without a name
+OF_ALL = ""  # the pose of lines that name none
 
 
 def lines_of_program(blocks: Blocks, maker: str) -> Program:
@@ -79,22 +80,22 @@ def of_one_frame(
     Raises Question where poses have several; ScanError where lines of no pose do, which
     does not matter if a user says the tool's numbers.
     """
-    of_pose, of_all = frames_said(program, which)
+    said = frames_said(program, which)
     column, wanted = layout.wanted
     is_said = column == which
-    several = sorted({*of_all, wanted} if is_said else {*of_all})
+    several = sorted({*said[OF_ALL], wanted} if is_said else {*said[OF_ALL]})
     if len(several) > 1 and not (which == "tool" and layout.tool):
         raise ScanError(
             f"{poses.path}: no line says which poses are of {which} "
             f"{' or '.join(several)}; split it, one per {which}"
         )
     if not is_said:
-        return poses, only_frame(poses, of_pose, of_all, which)
-    others = {pose for pose, frames in of_pose.items() if {*frames} != {wanted}}
+        return poses, only_frame(poses, said, which)
+    others = {pose for pose, frames in said.items() if {*frames} != {wanted}}
     return without(poses, others), wanted
 
 
-def only_frame(poses: Block, of_pose: dict[str, list], of_all: list, which: str) -> str:
+def only_frame(poses: Block, said: dict[str, list[str]], which: str) -> str:
     """The only frame that lines and columns say; "" if there is none. That some poses
     have none says nothing of the others::
 
@@ -102,45 +103,39 @@ def only_frame(poses: Block, of_pose: dict[str, list], of_all: list, which: str)
         P1 tool0, P2 nothing     not known
         P1 tool0, P2 tool0       tool0
 
-    Raises Question for several.
+    Raises Question for several: likely of that of all, or else of the one that is used
+    most often; of equals a program's first tool, but in a table the flange.
     """
     columns = poses.having(which)
     in_columns = [label_of(cell).lower() for c in columns for cell in poses.table[c.at]]
-    frames = [*chain(*of_pose.values()), *of_all, *in_columns]
-    if len({*frames}) > 1:
-        raise question_on_frames(poses, frames, which, of_all)
+    frames = [*chain(*said.values()), *in_columns]
+    none = WORDS[f"no_{which}"]
+    names = [*dict.fromkeys(frames)]
+    if len(names) > 1:
+        names.sort(key=lambda name: name in none, reverse=not poses.robot)
+        answer = max(names, key=(said[OF_ALL] or frames).count)
+        raise Question(
+            f"{poses.path}: moves have {which}s {listed(names)}; of which are the "
+            "poses?",
+            where=f"{which}={answer}",
+        )
     only = frames[0] if frames else ""
-    is_of_all = bool(of_all or in_columns)
-    is_of_each = poses.names and of_pose.keys() >= {*map(str.lower, poses.names)}
-    if only in WORDS[f"no_{which}"] and not (is_of_all or is_of_each):
+    is_of_all = bool(said[OF_ALL] or in_columns)
+    is_of_each = poses.names and said.keys() >= {*map(str.lower, poses.names)}
+    if only in none and not (is_of_all or is_of_each):
         return ""
     return only
 
 
-def frames_said(program: Program, which: str) -> tuple[dict[str, list], list]:
+def frames_said(program: Program, which: str) -> dict[str, list[str]]:
     """The tools, or bases, that lines say: of each pose that they name, and of all by
     those that name none; in small letters.
     """
-    of_pose, of_all = defaultdict(list), []
+    said = defaultdict(list)
     for row in program["uses"]:
-        pose, frame = row.get("name", "").lower(), row.get(which, "").lower()
-        if frame:
-            (of_pose[pose] if pose else of_all).append(frame)
-    return of_pose, of_all
-
-
-def question_on_frames(
-    poses: Block, frames: list[str], which: str, of_all: list[str]
-) -> Question:
-    """Of which frame the poses are: likely of that of all, or else of the one that is
-    used most often; of equals a program's first tool, but in a table the flange.
-    """
-    names = [*dict.fromkeys(frames)]
-    none = WORDS[f"no_{which}"]
-    names.sort(key=lambda name: name in none, reverse=not poses.robot)
-    answer = of_all[0] if of_all else max(names, key=frames.count)
-    several = f"{poses.path}: moves have {which}s {listed(names)}"
-    return Question(f"{several}; of which are the poses?", where=f"{which}={answer}")
+        if frame := row.get(which, "").lower():
+            said[row.get("name", OF_ALL).lower()].append(frame)
+    return said
 
 
 def without(poses: Block, names: set[str]) -> Block:
