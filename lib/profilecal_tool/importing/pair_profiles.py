@@ -114,17 +114,9 @@ def paired_in_order(
     return pairing_of(poses, names, rows, how)
 
 
-class Way(NamedTuple):
-    """A way to compare labels and names."""
-
-    is_whole: bool  # by names or several numbers, not by one number
-    what: str
-    keys: Sequence  # of labels
-    sought: Sequence  # of names
-
-
-def ways_to_compare(labels: Names, names: Names) -> Iterator[Way]:
-    """The ways to compare labels and the names of profiles.
+def ways_to_compare(labels: Names, names: Names) -> Iterator[tuple]:
+    """The ways to compare labels and names of profiles: whether by names or several
+    numbers, not by one; what is compared; this of each label, and of each name.
 
     >>> for way in ways_to_compare(["p1", "p2", "p3"], ["a/scan_0.csv", "scan_1"]):
     ...     print(*way)
@@ -134,7 +126,6 @@ def ways_to_compare(labels: Names, names: Names) -> Iterator[Way]:
     ...     print(*way)
     True numbers in the names [(1, 1), (1, 10)] [(1,), (2,)]
     False number in place 1 of the names [1, 10] (1, 2)
-
     >>> for way in ways_to_compare(["P 2", "P 3", "P 4"], ["1", "2", "3"]):
     ...     print(*way)
     False number in place 1 of the names +1 [2, 3, 4] [2, 3, 4]
@@ -147,10 +138,10 @@ def ways_to_compare(labels: Names, names: Names) -> Iterator[Way]:
     """
     stems = [*map(stem_of, names)]
     if not "".join(stems).isdigit():
-        yield Way(True, "names", [*map(stem_of, labels)], stems)
+        yield True, "names", [*map(stem_of, labels)], stems
     of_labels, of_names = [*map(numbers_in, labels)], [*map(numbers_in, names)]
     if max(map(len, of_labels)) > 1:
-        yield Way(True, "numbers in the names", of_labels, of_names)
+        yield True, "numbers in the names", of_labels, of_names
     last = [numbers[-1] if numbers else None for numbers in of_labels]
     for k, sought in enumerate(zip(*of_names, strict=False), 1):
         shift = (0 in sought) - (0 in last)
@@ -160,43 +151,35 @@ def ways_to_compare(labels: Names, names: Names) -> Iterator[Way]:
         what = f"number in place {k} of the names"
         fits, fits_shifted = ({*some} <= {*last} for some in (sought, shifted))
         if fits or not fits_shifted:
-            yield Way(False, what, last, sought)
+            yield False, what, last, sought
         if shift and not fits:
-            yield Way(False, f"{what} {shift:+d}", last, shifted)
+            yield False, f"{what} {shift:+d}", last, shifted
 
 
 class Match(NamedTuple):
     """Which poses have the labels that profiles have, by one way to compare them."""
 
-    way: Way
     title: str  # of the labels' column
+    how: str  # they are compared
+    is_whole: bool  # by names or several numbers, not by one number
+    keys: Sequence  # of the poses
     rows: ndarray  # of the poses; (P,) of each profile, -1: none
     share: float  # of the poses and of the profiles that it serves, the smaller one
-
-    @property
-    def how(self) -> str:
-        """What is compared."""
-        return f"by {self.title} and the {self.way.what}"
-
-    @property
-    def has_all(self) -> bool:
-        """Whether it has a pose of its own for each profile."""
-        return len({*self.rows} - {-1}) == len(self.rows)
 
 
 def paired_by_label(poses: Block, names: Names) -> Pairing | None:
     """The pairing by the labels, and the names or numbers in them, that serve most
-    poses, and more than half of them and of the profiles, or else all profiles.
+    poses.
 
     Raises ScanError where another column says otherwise of a profile, and where a label
     stands twice.
     """
-    matches = [m for m in matches_of(poses, names) if m.share > 0.5 or m.has_all]
+    matches = [*matches_of(poses, names)]
     if not matches:
         return None
-    best = max(matches, key=lambda match: (match.way.is_whole, match.share))
+    best = max(matches, key=lambda match: (match.is_whole, match.share))
     check_others(poses, names, best, matches)
-    keys = best.way.keys
+    keys = best.keys
     is_again = Series(keys).duplicated().to_numpy()
     for name, row in zip(names, best.rows, strict=True):
         if row >= 0 and is_again[row]:
@@ -209,13 +192,18 @@ def paired_by_label(poses: Block, names: Names) -> Pairing | None:
 
 
 def matches_of(poses: Block, names: Names) -> Iterator[Match]:
-    """The ways to compare each column of labels with the names of profiles."""
+    """The ways to compare each column of labels with the names of profiles that serve
+    more than half of these and of the poses, or each profile by a pose of its own.
+    """
     for title, labels in poses.labels.items():
-        for way in ways_to_compare(labels, names):
-            row_of = {key: row for row, key in enumerate(way.keys)}  # the last so
-            rows = np.array([row_of.get(key, -1) for key in way.sought])
-            share = min((rows >= 0).mean(), len({*rows} - {-1}) / len(row_of))
-            yield Match(way, title, rows, share)
+        for is_whole, what, keys, sought in ways_to_compare(labels, names):
+            row_of = {key: row for row, key in enumerate(keys)}  # the last so
+            rows = np.array([row_of.get(key, -1) for key in sought])
+            served = {*rows} - {-1}
+            share = min((rows >= 0).mean(), len(served) / len(row_of))
+            if share > 0.5 or len(served) == len(rows):
+                how = f"by {title} and the {what}"
+                yield Match(title, how, is_whole, keys, rows, share)
 
 
 def check_others(poses: Block, names: Names, best: Match, matches: list[Match]) -> None:
@@ -225,7 +213,7 @@ def check_others(poses: Block, names: Names, best: Match, matches: list[Match]) 
     for other in matches:
         differs = (np.minimum(other.rows, best.rows) >= 0) & (other.rows != best.rows)
         is_as_good = other.share == best.share or other.title != best.title
-        is_as_good &= other.way.is_whole == best.way.is_whole
+        is_as_good &= other.is_whole == best.is_whole
         if is_as_good and differs.any():
             name = names[differs.argmax()]
             raise ScanError(
