@@ -269,9 +269,10 @@ def roles_of_list(cells: DataFrame, name: str) -> tuple[list[str], str]:
 
 def has_constants(cells: DataFrame, roles: list[str]) -> bool:
     """Whether 0 and 1 stand in the columns whose roles they are, as in a matrix."""
-    constant = [k for k, role in enumerate(roles) if role in ("0", "1")]
-    expected = [int(roles[k]) for k in constant]
-    return (cells.iloc[:, constant].dropna() == expected).all(axis=None)
+    pairs = zip(cells, roles, strict=True)
+    return all(
+        cells[at].dropna().eq(int(role)).all() for at, role in pairs if role.isdigit()
+    )
 
 
 def role_before_heights(cells: list) -> str:

@@ -3,9 +3,8 @@
 import re
 from collections.abc import Iterable, Iterator
 from io import BytesIO
-from itertools import islice
+from itertools import groupby, islice
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from pandas import DataFrame, read_csv
@@ -27,14 +26,6 @@ EDGES = " \"'"  # of cells
 Rows = list[list[str]]  # the cells of lines
 
 
-class Run(NamedTuple):
-    """Lines of a text that have equally many fields."""
-
-    begin: int  # the first line, from 0
-    end: int  # behind the last one
-    offset: int  # of the first line, bytes
-
-
 def text_blocks(path: Path, text: str) -> Iterator[Block]:
     """The blocks of a text: runs of lines of as many fields, from where numbers begin,
     with titles of an earlier run if they have none. Raises ScanError for a lost field.
@@ -47,9 +38,9 @@ def text_blocks(path: Path, text: str) -> Iterator[Block]:
     content = text.encode()
     stream = BytesIO(content)
     above, end_above = [], 0  # titles above, and the end of the table that has them
-    for run in runs_of_lines(path, content, between):
-        stream.seek(run.offset)
-        head = cells_of(islice(stream, min(run.end - run.begin, HEAD)), between)
+    for begin, offset, rows in runs_of_lines(path, content, between):
+        stream.seek(offset)
+        head = cells_of(islice(stream, min(rows, HEAD)), between)
         first = row_where_numbers_begin(head)
         if first == len(head):
             continue
@@ -57,18 +48,17 @@ def text_blocks(path: Path, text: str) -> Iterator[Block]:
         if not titles and count == len(above):
             titles = above
         if titles:
-            above, end_above = titles, run.end
+            above, end_above = titles, begin + rows
         # a field is lost in these rows: they go on above them, or have one field less
-        elif above and (run.begin == end_above or count == len(above) - 1):
+        elif above and (begin == end_above or count == len(above) - 1):
             raise ScanError(
-                f"{path} line {run.begin + 1}: {count} fields; expected {len(above)}, "
+                f"{path} line {begin + 1}: {count} fields; expected {len(above)}, "
                 "as above (--poses and --profiles say which files to read)"
             )
         titles = titles or counted(count)
-        stream.seek(run.offset)
-        begin = run.begin + first  # the line of the first row
-        table = table_in(stream, titles, mark, first, run.end - begin)
-        table.index += begin + 1
+        stream.seek(offset)
+        table = table_in(stream, titles, mark, first, rows - first)
+        table.index += begin + first + 1  # its lines in the file
         yield Block(path, table, columns_titled(table, titles))
 
 
@@ -114,28 +104,32 @@ def dialect(text: str) -> tuple[str | None, bool]:
     return mark, mark != "," and not has_points
 
 
-def runs_of_lines(path: Path, content: bytes, between: bytes | None) -> Iterator[Run]:
-    """The runs of lines of a text. Blank lines end a run, and so do remarks below
-    numbers.
+def runs_of_lines(
+    path: Path, content: bytes, between: bytes | None
+) -> Iterator[tuple[int, int, int]]:
+    """Lines of a text that have equally many fields: the first one, from 0, and where
+    it begins, bytes; and how many they are. Blank lines end a run, and so do remarks
+    below numbers.
     """
     at_top = True
-    lines = content.count(b"\n")
-    begin = end = offset_of_run = offset = fields = 0
-    for line in watched(BytesIO(content), f"reading {path.name}", lines):
+
+    def count_fields(line: bytes) -> int:
+        nonlocal at_top
         cells = line.strip(MARKS)
         if line[0] not in b"#%":
             at_top = at_top and not re.search(rb"\d", cells)
         elif not at_top:
-            cells = b""
-        count = len(cells.split(between)) if cells else 0
-        if count != fields:
-            if fields:
-                yield Run(begin, end, offset_of_run)
-            begin, offset_of_run, fields = end, offset, count
-        end += 1
-        offset += len(line)
-    if fields:
-        yield Run(begin, end, offset_of_run)
+            return 0
+        return len(cells.split(between)) if cells else 0
+
+    begin = offset = 0
+    lines = watched(BytesIO(content), f"reading {path.name}", content.count(b"\n"))
+    for fields, run in groupby(lines, count_fields):
+        sizes = [*map(len, run)]
+        if fields:
+            yield begin, offset, len(sizes)
+        begin += len(sizes)
+        offset += sum(sizes)
 
 
 def cells_of(lines: Iterable[bytes], between: bytes | None) -> Rows:
