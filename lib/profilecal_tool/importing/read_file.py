@@ -36,11 +36,18 @@ def blocks_in_file(path: Path, encoding: str) -> Iterable[Block]:
     # poses, tools or bases in lines are a program's; moves alone may be beside a table
     if any(block.kind not in OF_MOVES for block in programs):
         return programs
+    return [*tables_and_tool(path, text), *programs]
+
+
+def tables_and_tool(path: Path, text: str, sheet: str = "") -> Iterator[Block]:
+    """The blocks of a text, or of a sheet that was one; and an empty one, of a tool,
+    where a line is on one. Raises ScanError.
+    """
     with naming(path):
-        blocks = [*text_blocks(path, text), *programs]
+        for block in text_blocks(path, text):
+            yield replace(block, sheet=sheet)
     if has_tool(text[:BEGIN]):
-        blocks.append(Block(path, DataFrame(), [], kind="tool"))
-    return blocks
+        yield Block(path, DataFrame(), [], kind="tool")
 
 
 def has_tool(text: str) -> bool:
@@ -94,7 +101,4 @@ def sheet_blocks(path: Path) -> Iterator[Block]:
         text = cells.to_csv(sep=";", header=False, index=False)
         if len(sheets) == 1:
             text, name = re.sub("(?m)^;+$", "", text), ""
-        for block in text_blocks(path, text):
-            yield replace(block, sheet=name)
-        if has_tool(text[:BEGIN]):
-            yield Block(path, DataFrame(), [], kind="tool")
+        yield from tables_and_tool(path, text, name)

@@ -74,22 +74,23 @@ def retitled(block: Block, table: DataFrame, titles: list[str]) -> Block:
 
 def robot_poses(files: Files, layout: Layout) -> Block:
     """The robot's poses in files. Raises ScanError; Question where it is uncertain."""
-    poses: Blocks = []
+    tables, first = {}, None
     for path, blocks in files.items():
         found = poses_in(blocks, layout.pose_columns)
         if not found:
             raise question_on_file(path, blocks, layout.pose_columns)
-        poses += of_one_entry(found, layout.entry, "flange", "is the robot's pose")
-    first = poses[0]
+        poses = of_one_entry(found, layout.entry, "flange", "is the robot's pose")
+        first = first or poses[0]
+        for block in poses:
+            if block.titles != first.titles:
+                titles = listed(block.titles)
+                raise ScanError(f"{path}: columns {titles}, where others differ")
+        tables[path] = concat([block.table for block in poses])
     check_robot(first, layout.entry)
     check_columns(first)
-    for block in poses:
-        if block.titles != first.titles:
-            titles = listed(block.titles)
-            raise ScanError(f"{block.path}: columns {titles}, where others differ")
-    table = concat([block.table for block in poses]).copy()  # as one piece
     if len(files) == 1:
-        return replace(first, table=table)
+        return replace(first, table=tables[first.path].copy())  # as one piece
+    table = concat(tables)  # by files and lines
     # a further column of the files' names; where a row stands says the file too
     names, place = names_of(files), Path(commonpath(files))
     if len(table) > len(files) and len({path.parent for path in files}) > 1:
@@ -98,11 +99,9 @@ def robot_poses(files: Files, layout: Layout) -> Block:
             "itself; calibrate takes several scans"
         )
     name_of = dict(zip(files, names, strict=True))
-    paths = [block.path for block in poses for _ in block.table.index]
     file = Column(-1, "file", "file", "label")
-    table[file.at] = [name_of[path] for path in paths]
-    pairs = zip(table.index, paths, strict=True)
-    table.index = [f"{line} of {path.name}" for line, path in pairs]
+    table[file.at] = [name_of[path] for path, _ in table.index]
+    table.index = [f"{line} of {path.name}" for path, line in table.index]
     columns = [*first.columns, file]
     return replace(first, path=place, table=table, columns=columns)
 
