@@ -181,53 +181,37 @@ def which_hold_what(
 
     Raises ScanError; Question where several may.
     """
+    by_count = sorted(families, key=lambda name: -len(families[name]))
+    # of files alike, what the first has that has any
+    blocks_of = {n: next(filter(None, families[n].values()), []) for n in by_count}
     said = layout.poses, layout.profiles
-    unsaid = [n for n, files in families.items() if blocks_of(files) and n not in said]
-    unsaid.sort(key=lambda name: -len(families[name]))  # most files first
-    with_poses = patterns_with_poses(families, unsaid, layout)
+    unsaid = [name for name in by_count if blocks_of[name] and name not in said]
+    counts = {n: count_poses(blocks_of[n], layout) * len(families[n]) for n in unsaid}
+    # a pose alone, beside others, is a tool's or a target's
+    several = [name for name in unsaid if counts[name] > 1]
+    with_poses = several or [name for name in unsaid if counts[name]]
     others = [name for name in unsaid if name not in with_poses]
-    with_points = patterns_with_points(families, others, layout)
+    # half as many files are something else, such as a reference
+    most = [n for n in others if 2 * len(families[n]) > len(families[others[0]])]
+    with_points = [n for n in most if points_of_file(blocks_of[n], layout)]
     unclear = [name for name in others if name not in with_points]
     # poses that no title tells are in the fewest files, or beside profiles
     with_poses = with_poses or unclear[::-1]
     if not (with_poses or layout.poses):
-        beside = {name: blocks_of(families[name]) for name in with_points}
-        with_poses = [name for name in beside if any(map(likely_pose, beside[name]))]
+        with_poses = [n for n in with_points if any(map(likely_pose, blocks_of[n]))]
     pose = layout.poses or one_or_ask(folder, with_poses, "holds the poses", "poses")
     # and profiles in those that are left, or both in the same
-    blocks = blocks_of(families[pose])
+    blocks = blocks_of[pose]
     with_points = with_points or [name for name in unclear if name != pose]
     if not with_points and points_of_file(blocks, layout):
         with_points = [pose]
     return pose, layout.profiles or one_of_profiles(folder, with_points, pose, blocks)
 
 
-def blocks_of(files: Files) -> Blocks:
-    """The blocks of the first of some files alike that has any."""
-    return next(filter(None, files.values()), [])
-
-
-def patterns_with_poses(
-    families: Families, names: list[str], layout: Layout
-) -> list[str]:
-    """Those of some patterns whose files have poses. A pose alone, beside others, is a
-    tool's or a target's.
-    """
-    rows = {}
-    for name in names:
-        if found := poses_in(blocks_of(families[name]), layout.pose_columns):
-            rows[name] = len(families[name]) * max(len(poses.table) for poses in found)
-    return [name for name in rows if rows[name] > 1] or [*rows]
-
-
-def patterns_with_points(
-    families: Families, names: list[str], layout: Layout
-) -> list[str]:
-    """Those of some patterns, most files first, whose files have points. Those of half
-    as many files are something else, such as a reference.
-    """
-    most = [n for n in names if 2 * len(families[n]) > len(families[names[0]])]
-    return [name for name in most if points_of_file(blocks_of(families[name]), layout)]
+def count_poses(blocks: Blocks, layout: Layout) -> int:
+    """The most poses that a block of a file has."""
+    found = poses_in(blocks, layout.pose_columns)
+    return max((len(poses.table) for poses in found), default=0)
 
 
 def one_of_profiles(
