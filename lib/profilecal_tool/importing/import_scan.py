@@ -4,10 +4,11 @@ import re
 from collections import ChainMap, defaultdict
 from collections.abc import Iterator
 from contextlib import nullcontext, suppress
-from itertools import chain, compress
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
+from pandas import Series
 
 from profilecal.geometry.log import GAP
 from profilecal.geometry.progress import watched
@@ -37,11 +38,7 @@ from profilecal_tool.importing.robot_poses import (
     poses_in,
     robot_poses,
 )
-from profilecal_tool.importing.scanner_profiles import (
-    Profiles,
-    points_of_file,
-    read_profiles,
-)
+from profilecal_tool.importing.scanner_profiles import points_of_file, read_profiles
 from profilecal_tool.importing.tool_frames import (
     check_moves_beside,
     fields_of_flange,
@@ -68,14 +65,15 @@ def import_scan(
     program = lines_of_program(blocks, poses.robot)
     poses, T_flange_tool, on_tool = of_one_tool(poses, program, blocks, layout)
     moves = [row.get("name") for row in program["uses"]]
-    pairing = pair_profiles(poses, profiles.names, moves, layout)
+    pairing = pair_profiles(poses, [*profiles.index], moves, layout)
     poses = poses.rows_at(pairing.rows)
     check_moves_beside(poses, program)  # of these alone
-    if not all(profiles.names):  # by which nothing was paired
-        profiles = profiles._replace(names=counted(len(profiles.names)))
-    profiles = profiles.at(pairing.profiles)
-    check_one_profile_a_pose(folder, pairing, profiles.names, layout)
-    labels = counted(len(pairing.rows)) if pairing.times else profiles.names
+    if not all(profiles.index):  # by which nothing was paired
+        profiles.index = counted(len(profiles))
+    profiles = profiles.iloc[pairing.profiles]
+    names = [*profiles.index]
+    check_one_profile_a_pose(folder, pairing, names, layout)
+    labels = counted(len(pairing.rows)) if pairing.times else names
     fields, on_poses = pose_fields(poses, labels)
     if T_flange_tool is not None:
         fields = fields_of_flange(fields, T_flange_tool)
@@ -87,7 +85,7 @@ def import_scan(
     return scan_of(folder, header | fields | measured), taken
 
 
-def read_folder(folder: Path, layout: Layout) -> tuple[Block, Profiles, Blocks, Taken]:
+def read_folder(folder: Path, layout: Layout) -> tuple[Block, Series, Blocks, Taken]:
     """The robot's poses, the profiles, all that files hold, and what was taken for
     granted. Raises ScanError.
     """
@@ -102,13 +100,13 @@ def read_folder(folder: Path, layout: Layout) -> tuple[Block, Profiles, Blocks, 
     rows = len(poses.table)
     is_both = of_poses.keys() == of_profiles.keys()
     expected = 0 if is_both else rows
-    profiles, taken = read_profiles(of_profiles, expected, layout)
-    counts = [*map(len, profiles.points)]
+    profiles, entry, taken = read_profiles(of_profiles, expected, layout)
+    counts = profiles.map(len)
     # rows with a pose and a point each: a profile, which is of rows that follow each
     # other, has the pose of its first row
     if is_both and sum(counts) == rows:
-        poses = poses.rows_at(np.cumsum([0, *counts[:-1]]))
-    entries = f"{poses.entry} {profiles.entry}".strip()
+        poses = poses.rows_at(counts.cumsum() - counts)
+    entries = f"{poses.entry} {entry}".strip()
     if layout.entry.lower() not in entries.lower():
         raise ScanError(f"{folder}: no entry {layout.entry}; those read are {entries}")
     if not is_both:  # a scanner's tools are no robot's
@@ -229,16 +227,16 @@ def one_of_profiles(
     return one_or_ask(folder, patterns, what, "profiles")
 
 
-def points_or_profiles(profiles: Profiles) -> tuple[Fields, str]:
+def points_or_profiles(profiles: Series) -> tuple[Fields, str]:
     """Fields of a Scan: points, where each profile has one row; or profiles, which are
     empty where fewer than two points were seen; and words on those.
     """
-    if max(map(len, profiles.points)) == 1:
-        return {"measured": "points", "values": tuple(profiles.points)}, ""
-    seen = np.array([np.isfinite(points[:, 1]).sum() for points in profiles.points])
-    pairs = zip(profiles.points, seen, strict=True)
-    kept = tuple(points if count > 1 else points[:0] for points, count in pairs)
-    empty = listed(compress(profiles.names, seen < 2))
+    if profiles.map(len).max() == 1:
+        return {"measured": "points", "values": tuple(profiles)}, ""
+    is_seen = profiles.map(lambda points: np.isfinite(points[:, 1]).sum() > 1)
+    pairs = zip(profiles, is_seen, strict=True)
+    kept = tuple(points if seen else points[:0] for points, seen in pairs)
+    empty = listed(profiles.index[~is_seen])
     words = f"; empty: {empty}" if empty else ""
     return {"measured": "profiles", "values": kept}, words
 

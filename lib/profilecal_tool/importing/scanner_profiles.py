@@ -3,7 +3,6 @@
 from dataclasses import replace
 from os.path import commonpath
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
@@ -73,29 +72,22 @@ def points_of_file(blocks: Blocks, layout: Layout) -> Blocks:
     return of_one_entry(found, layout.entry, "profile", "is the profile")
 
 
-class Profiles(NamedTuple):
-    """Profiles that were read."""
-
-    names: list[str]  # "" for one that has none
-    points: list[ndarray]  # (n, 2) mm of each, NaN where nothing was seen
-    entry: str  # of all
-
-    def at(self, places: ndarray) -> "Profiles":
-        """Some of them, by where they stand."""
-        names = [self.names[k] for k in places]
-        return Profiles(names, [self.points[k] for k in places], self.entry)
-
-
 def read_profiles(
     files: Files, expected: int, layout: Layout
-) -> tuple[Profiles, Taken]:
-    """The profiles in files, and what was taken for granted. A file among several has
-    one profile. `expected`: how many a table alone should have, 0 if that is not known.
+) -> tuple[Series, str, Taken]:
+    """The profiles in files, (n, 2) mm each, NaN where nothing was seen, by their
+    names, "" for one that has none; their entry; and what was taken for granted. A file
+    among several has one profile. `expected`: how many a table alone should have, 0 if
+    that is not known.
 
-    Raises ScanError.
+    Raises ScanError; Question for a file with numbers, but without points.
     """
     place = Path(commonpath(files))
-    found = [points_or_ask(blocks, layout) for blocks in files.values()]
+    found = []
+    for blocks in files.values():
+        found.append(points_of_file(blocks, layout))
+        if not found[-1] and any(len(block.table) > 1 for block in blocks):
+            raise question_on_points(blocks, layout.columns)
     tables = [points for each in found for points in each]
     if not tables:
         raise ScanError(f"{place}: no profiles in these rows")
@@ -106,15 +98,7 @@ def read_profiles(
         rows = Series([rows_of_one(each, layout) for each in found], names_of(files))
     xz, taken = in_mm(place, tables, layout)
     points = np.split(xz, np.cumsum(rows)[:-1])
-    return Profiles([*rows.index], points, tables[0].entry), taken
-
-
-def points_or_ask(blocks: Blocks, layout: Layout) -> Blocks:
-    """The points in a file; none of one that is empty. Raises ScanError."""
-    tables = points_of_file(blocks, layout)
-    if not tables and any(len(block.table) > 1 for block in blocks):
-        raise question_on_points(blocks, layout.columns)
-    return tables
+    return Series(points, rows.index), tables[0].entry, taken
 
 
 def rows_of_one(tables: Blocks, layout: Layout) -> int:
