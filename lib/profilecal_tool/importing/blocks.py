@@ -77,9 +77,12 @@ class Block:
         return self.titles == counted(len(self.columns))
 
     def title(self, column: Column) -> str:
-        """A column's title, or its number where it has none or others have the same."""
+        """A column's title, or its number where it has none, one that is another number
+        or one that others have too.
+        """
         title = column.title
-        is_name = title.strip() and self.titles.count(title) == 1
+        is_single = self.titles.count(title) == 1
+        is_name = is_single and title.strip() and not title.isdecimal()
         return title if is_name else str(column.at + 1)
 
     def numbers(self, columns: Iterable[Column], blank: bool = False) -> ndarray:
@@ -87,12 +90,8 @@ class Block:
 
         Raises ScanError.
         """
-        numbers = []
-        for column in columns:
-            title, cells = self.title(column), self.table[column.at]
-            table = Table(self.path, {title: cells.to_numpy()}, cells.index)
-            numbers.append(table.column(title, blank))
-        return np.stack(numbers, axis=1)
+        cells = {self.title(c): self.table[c.at].to_numpy() for c in columns}
+        return Table(self.path, cells, self.table.index).numbers(cells, blank)
 
     def rows_at(self, rows: Any) -> Self:
         """The same of some rows, by where they stand in the table."""
