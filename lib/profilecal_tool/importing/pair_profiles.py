@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator, Sequence
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -66,9 +67,8 @@ def pairing_of(poses: Block, names: Names, found: ndarray, how: str) -> Pairing:
     if (found < 0).all():
         raise ScanError(f"{poses.path}: {how}, and no profile has a pose")
     labels = next(iter(poses.labels.values()), [])
-    served = {*found}
-    lost = [name for name, row in zip(names, found, strict=True) if row < 0]
-    idle = [label for row, label in enumerate(labels) if row not in served]
+    lost = [*compress(names, found < 0)]
+    idle = [*compress(labels, ~np.isin(np.arange(len(labels)), found))]
     words = how
     for what, left in (("pose", lost), ("profile", idle)):
         words += f"; left out, without a {what}: {listed(left)}" if left else ""
