@@ -160,12 +160,13 @@ def points_of_pcd(path: Path) -> Arrays:
     way, _, points = data.partition(b"\n")
     lines = dict(line.split(" ", 1) for line in head.decode().splitlines())
     names, types, sizes = (lines[k].split() for k in ("FIELDS", "TYPE", "SIZE"))
+    codes = zip(names, types, sizes, strict=True)  # F and 4: f4
+    fields = [(name, kind.lower() + size) for name, kind, size in codes]
     if way.strip() == b"binary":
-        codes = zip(names, types, sizes, strict=True)  # F and 4: f4
-        cells = np.frombuffer(points, [(n, t.lower() + size) for n, t, size in codes])
-        return {name: cells[name] for name in names}
-    columns = np.loadtxt(points.splitlines(), ndmin=2).T  # compressed ones are no text
-    return dict(zip(names, columns, strict=True))
+        cells = np.frombuffer(points, fields)
+    else:  # compressed ones are no text
+        cells = np.loadtxt(points.splitlines(), fields, ndmin=1)
+    return {name: cells[name] for name in names}
 
 
 def numpy_arrays(path: Path) -> Arrays:
