@@ -13,7 +13,6 @@ from profilecal.scan.conventions import Convention, pose_matrices
 from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.blocks import Block, Blocks, label_of
 from profilecal_tool.importing.makers import ROBOTS, WORDS, XYZ
-from profilecal_tool.importing.program_lines import OF_MOVES
 from profilecal_tool.importing.questions import Layout, Question
 from profilecal_tool.importing.robot_poses import (
     FANUC,
@@ -81,18 +80,19 @@ def of_one_frame(
     does not matter if a user says the tool's numbers.
     """
     said = frames_said(program, which)
-    column, wanted = layout.wanted
-    is_said = column == which
-    several = sorted({*said[OF_ALL], wanted} if is_said else {*said[OF_ALL]})
+    column, *wanted = layout.wanted
+    if column != which:
+        wanted = []
+    several = sorted({*said[OF_ALL], *wanted})
     if len(several) > 1 and not (which == "tool" and layout.tool):
         raise ScanError(
             f"{poses.path}: no line says which poses are of {which} "
             f"{' or '.join(several)}; split it, one per {which}"
         )
-    if not is_said:
+    if not wanted:
         return poses, only_frame(poses, said, which)
-    others = {pose for pose, frames in said.items() if {*frames} != {wanted}}
-    return without(poses, others), wanted
+    others = {pose for pose, frames in said.items() if {*frames} != {*wanted}}
+    return without(poses, others), wanted[0]
 
 
 def only_frame(poses: Block, said: dict[str, list[str]], which: str) -> str:
@@ -140,8 +140,8 @@ def frames_said(program: Program, which: str) -> dict[str, list[str]]:
 
 def without(poses: Block, names: set[str]) -> Block:
     """The poses but for those of some names, in small letters."""
-    kept = [row for row, name in enumerate(poses.names) if name.lower() not in names]
-    return poses.rows_at(kept) if poses.names else poses
+    is_kept = [name.lower() not in names for name in poses.names]
+    return poses.rows_at(is_kept) if is_kept else poses
 
 
 def of_one_tool(
@@ -225,9 +225,9 @@ def numbers_of_tool(poses: Block, rows: list[Row], tool: str) -> Numbers | None:
 
 def check_moves_beside(poses: Block, program: Program) -> None:
     """Raise ScanError where lines move beside one of these poses, and none to it."""
-    names = {kind: {row.get("name") for row in program[kind]} for kind in OF_MOVES}
-    beside = names["beside"] - names["uses"]
-    if found := beside.intersection(poses.names):
+    kinds = "beside", "uses"
+    beside, used = ({row.get("name") for row in program[kind]} for kind in kinds)
+    if found := (beside - used).intersection(poses.names):
         raise ScanError(
             f"{poses.path}: moves go beside {listed(sorted(found))}, such as by an "
             "offset, and none to them; where were profiles taken? Write those poses"
