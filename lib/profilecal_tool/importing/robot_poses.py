@@ -86,8 +86,7 @@ def robot_poses(files: Files, layout: Layout) -> Block:
                 titles = listed(block.titles)
                 raise ScanError(f"{path}: columns {titles}, where others differ")
         tables[path] = concat([block.table for block in poses])
-    check_robot(first, layout.entry)
-    check_columns(first)
+    check_whose(first, layout.entry)
     if len(files) == 1:
         return replace(first, table=tables[first.path].copy())  # as one piece
     table = concat(tables)  # by files and lines
@@ -106,9 +105,11 @@ def robot_poses(files: Files, layout: Layout) -> Block:
     return replace(first, path=place, table=table, columns=columns)
 
 
-def check_robot(poses: Block, said: str) -> None:
+def check_whose(poses: Block, said: str) -> None:
     """Raise Question where poses are of something else than the robot, which is not the
-    entry that a user says.
+    entry that a user says; ScanError where they are inverses by their name, or where
+    further columns of the same owner are called alike, but for x and z, which may be a
+    profile's.
     """
     is_said = said and said.lower() in poses.entry.lower()
     if is_of_other(poses.entry) and not is_said:
@@ -116,12 +117,6 @@ def check_robot(poses: Block, said: str) -> None:
             f"{poses.path}: poses are of {poses.entry}; are they the flange's?",
             entry=poses.entry,
         )
-
-
-def check_columns(poses: Block) -> None:
-    """Raise ScanError where poses are inverses by their name, or where further columns
-    of the same owner are called alike, but for x and z, which may be a profile's.
-    """
     name = f"{poses.path.name} {poses.entry}".strip()
     if any(word in name.lower() for word in WORDS["inverse"]):
         raise ScanError(
@@ -231,18 +226,20 @@ def angle_scale(poses: Block) -> tuple[float, str]:
     scale /= ANGLE_UNITS[usual]
     columns = [poses.chosen[role] for role in roles]
     likely = likely_angle(numbers)
-    # controllers write such angles in degrees, programmers in either
-    if convention.sequence and likely and not units:
+    if convention.sequence:
+        # controllers write such angles in degrees, programmers in either
+        is_unsure = likely and not units
         doubt = f"angles up to {np.abs(numbers).max():.4g}; which, rad or deg?"
-        raise question_on_columns(poses, doubt, with_roles(columns, roles, likely))
-    length = np.linalg.norm(numbers, axis=1).max()
-    is_long = length > np.pi and not (units or poses.robot)
-    # angles that are called like a vector, most often W, P, R
-    if not convention.sequence and (is_long or scale != 1):
+    else:
+        length = np.linalg.norm(numbers, axis=1).max()
+        is_long = length > np.pi and not (units or poses.robot)
+        is_unsure = is_long or scale != 1
         what = listed(units) or "rad, longer than pi"
         doubt = f"a vector of {length:.4g} {what}; are they w, p, r?"
-        of_fanuc = with_roles(columns, FANUC.columns, likely)
-        raise question_on_columns(poses, doubt, of_fanuc)
+        # angles that are called like a vector, most often W, P, R
+        roles = FANUC.columns
+    if is_unsure:
+        raise question_on_columns(poses, doubt, with_roles(columns, roles, likely))
     return scale, unit
 
 
