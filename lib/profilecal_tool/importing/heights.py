@@ -3,8 +3,8 @@ a row for each point.
 """
 
 import re
+from collections import defaultdict
 from dataclasses import replace
-from statistics import mode
 
 import numpy as np
 from numpy import ndarray
@@ -34,6 +34,7 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
     beside is repeated. Raises ScanError where x is nowhere, or where a first column
     may be one of numbers or times.
     """
+    block = with_pairs_below(block)
     x, z = longest_list(block, "x"), longest_list(block, "z")
     if len(z) <= LARGEST_POSE:
         return block
@@ -55,10 +56,13 @@ def with_a_point_a_row(block: Block, layout: Layout) -> Block:
             raise Question(f"{where} {words}", where=f"{column.name}=z")
     rows = block.table[[column.at for column in repeated]]
     table = rows.loc[rows.index.repeat(len(z))]
-    of_x = x[0].unit if len(x) == len(z) else ""
+    if len(x) == len(z):
+        of_x = x[0].unit, block.numbers(x, blank=True)
+    else:
+        of_x = "", x_of_heights(block, z, layout)
     further = (
         ("nth", "", np.arange(len(heights))[:, None]),
-        ("x", of_x, x_of_heights(block, x, z, layout)),
+        ("x", *of_x),
         ("z", z[0].unit, heights),
     )
     for at, (role, unit, cells) in enumerate(further, len(block.columns)):
@@ -96,20 +100,17 @@ def longest_list(block: Block, axis: str) -> list[Column]:
     """The columns of x, or of z, of the owner that has most of them: of Z Encoder, z_1,
     z_2, … without the first.
     """
-    owners = [column.owner for column in block.having(axis)]
-    owner = mode(owners) if owners else ""
-    return [column for column in block.having(axis) if column.owner == owner]
+    of_owner = defaultdict(list)
+    for column in block.having(axis):
+        of_owner[column.owner].append(column)
+    return max(of_owner.values(), key=len, default=[])
 
 
-def x_of_heights(
-    block: Block, x: list[Column], z: list[Column], layout: Layout
-) -> ndarray:
-    """Where along x the columns of heights z are: in columns of their own, in titles
-    that do not only count, from 0 or 1, or by a start and a pitch, said or in words
-    where the file begins. Raises ScanError where those are not there, or differ.
+def x_of_heights(block: Block, z: list[Column], layout: Layout) -> ndarray:
+    """Where along x the columns of heights z are: in titles that do not only count,
+    from 0 or 1, or by a start and a pitch, said or in words where the file begins.
+    Raises ScanError where those are not there, or differ.
     """
-    if len(x) == len(z):
-        return block.numbers(x, blank=True)
     places = np.array([cell_number(column.title) for column in z])
     if np.isfinite(places).all() and not (block.is_bare or only_count(places)):
         return places

@@ -2,7 +2,6 @@
 
 import re
 from collections import ChainMap, defaultdict
-from collections.abc import Iterator
 from contextlib import nullcontext, suppress
 from itertools import chain
 from pathlib import Path
@@ -27,7 +26,7 @@ from profilecal_tool.importing.folder_files import (
     patterns_of,
     sorted_files,
 )
-from profilecal_tool.importing.heights import with_a_point_a_row, with_pairs_below
+from profilecal_tool.importing.heights import with_a_point_a_row
 from profilecal_tool.importing.pair_profiles import Pairing, Times, pair_profiles
 from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_ask
 from profilecal_tool.importing.read_file import blocks_in_file
@@ -80,8 +79,8 @@ def import_scan(
     if pairing.times:
         fields = in_sweeps(folder, fields, pairing.times)
     measured, empty = points_or_profiles(profiles)
-    taken |= {"missing": taken["missing"] + empty, "tool": on_tool}
-    taken |= {"matched": pairing.how} | on_poses
+    taken["missing"] += empty
+    taken |= {"tool": on_tool, "matched": pairing.how} | on_poses
     return scan_of(folder, header | fields | measured), taken
 
 
@@ -115,9 +114,11 @@ def read_folder(folder: Path, layout: Layout) -> tuple[Block, Series, Blocks, Ta
 
 
 def families_in(folder: Path, layout: Layout) -> Families:
-    """The files of a folder by their patterns, with their blocks. Where a user says
-    both patterns, the other files may say what tool the poses have, and those that
-    cannot be read are empty. Raises ScanError.
+    """The files of a folder by their patterns, with their blocks of the rows that are
+    wanted, with a point in each. Where a user says both patterns, the other files may
+    say what tool the poses have, and have as many blocks as can be read.
+
+    Raises ScanError.
     """
     given = [*filter(None, (layout.poses, layout.profiles))]
     # the narrower one last: the last takes a file
@@ -125,20 +126,14 @@ def families_in(folder: Path, layout: Layout) -> Families:
     families = defaultdict(dict)
     for path, pattern in watched([*patterns_of(folder, given).items()], "reading"):
         is_further = len(given) == 2 and pattern not in given
-        families[pattern][path] = [*blocks_wanted(path, layout, is_further)]
+        families[pattern][path] = blocks = []
+        with suppress(ScanError) if is_further else nullcontext():
+            for block in blocks_in_file(path, layout.encoding):
+                wanted = with_rows_wanted(block, layout)
+                blocks.append(with_a_point_a_row(wanted, layout))
     for pattern in given:  # the last took all files of the first: both mean the same
         families.setdefault(pattern, families[given[-1]])
     return families
-
-
-def blocks_wanted(path: Path, layout: Layout, is_further: bool) -> Iterator[Block]:
-    """The blocks in a file, of the rows that are wanted, with a point in each row; of a
-    further file than those that are given, as many as can be read. Raises ScanError.
-    """
-    with suppress(ScanError) if is_further else nullcontext():
-        for block in blocks_in_file(path, layout.encoding):
-            wanted = with_pairs_below(with_rows_wanted(block, layout))
-            yield with_a_point_a_row(wanted, layout)
 
 
 def with_rows_wanted(block: Block, layout: Layout) -> Block:
