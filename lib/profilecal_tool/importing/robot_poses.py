@@ -167,17 +167,16 @@ def likely_pose(block: Block) -> list[Column]:
     for position, rest in ((columns[:3], columns[3:]), (columns[4:], columns[:4])):
         numbers = numeric[[column.at for column in rest]].to_numpy()
         is_unit = np.allclose(np.linalg.norm(numbers, axis=1), 1, atol=0.01)
-        orientation = None
+        roles, unit = (), ""
         if len(rest) == 3:
             unit = likely_angle(numbers)
             is_vector = unit and rest[0] in chain(*lists)  # as Universal Robots have it
             roles = OF_VECTOR if is_vector else FANUC.columns
-            orientation = with_roles(rest, roles, unit)
         elif len(rest) == 4 and is_unit:
             is_abb = rest[0].name.endswith(("0", "1"))  # of q0 … q3, q1 … q4
-            orientation = with_roles(rest, OF_ABB if is_abb else OF_LIBRARIES)
-        if orientation and [c.role for c in position] in ([*XYZ], 3 * [""]):
-            return with_roles(position, XYZ) + orientation
+            roles = OF_ABB if is_abb else OF_LIBRARIES
+        if roles and [c.role for c in position] in ([*XYZ], 3 * [""]):
+            return with_roles(position, XYZ) + with_roles(rest, roles, unit)
     return []
 
 

@@ -79,7 +79,10 @@ def of_one_frame(
     Raises Question where poses have several; ScanError where lines of no pose do, which
     does not matter if a user says the tool's numbers.
     """
-    said = frames_said(program, which)
+    said = defaultdict(list)  # the frames of each pose, by the lines that name it
+    for row in program["uses"]:
+        if frame := row.get(which, "").lower():
+            said[row.get("name", OF_ALL).lower()].append(frame)
     column, *wanted = layout.wanted
     if column != which:
         wanted = []
@@ -125,17 +128,6 @@ def only_frame(poses: Block, said: dict[str, list[str]], which: str) -> str:
     if only in none and not (is_of_all or is_of_each):
         return ""
     return only
-
-
-def frames_said(program: Program, which: str) -> dict[str, list[str]]:
-    """The tools, or bases, that lines say: of each pose that they name, and of all by
-    those that name none; in small letters.
-    """
-    said = defaultdict(list)
-    for row in program["uses"]:
-        if frame := row.get(which, "").lower():
-            said[row.get("name", OF_ALL).lower()].append(frame)
-    return said
 
 
 def without(poses: Block, names: set[str]) -> Block:
