@@ -89,10 +89,10 @@ def paired_in_order(
     in_program = [known.index(name) for name in dict.fromkeys(moves) if name in known]
     rows = np.array(in_program or range(len(poses.table)))
     if layout.times or len(names) != len(rows):
-        counts = f"{len(names)} profiles for {len(rows)} poses"
         raise ScanError(
-            f"{poses.path}: {counts}, and no label or time that both have; add a column"
-            ", or say which files: --profiles, or when they were taken: --times"
+            f"{poses.path}: {len(names)} profiles for {len(rows)} poses, and no label "
+            "or time that both have; add a column, or say which files: --profiles, or "
+            "when they were taken: --times"
         )
     for column in poses.having("label", "time"):
         numbers = to_numeric(poses.table[column.at], errors="coerce").dropna()

@@ -38,9 +38,11 @@ def in_mm(place: Path, tables: Blocks, layout: Layout) -> tuple[ndarray, Taken]:
     words = listed(f"{code:.12g}" for code in codes) or "blank"
     first = tables[0]
     titles = ",".join(map(first.title, first.chosen.values()))
-    columns = f"{titles}: {ranges('XZ', xz)}"
-    missing = f"{words}: {unseen.sum()} of {len(xz)} points"
-    return xz, {"columns": columns, "unit": unit, "missing": missing}
+    return xz, {
+        "columns": f"{titles}: {ranges('XZ', xz)}",
+        "unit": unit,
+        "missing": f"{words}: {unseen.sum()} of {len(xz)} points",
+    }
 
 
 def units_said(tables: Blocks, codes: list[float], layout: Layout) -> set[str]:

@@ -83,8 +83,9 @@ def robot_poses(files: Files, layout: Layout) -> Block:
         first = first or poses[0]
         for block in poses:
             if block.titles != first.titles:
-                titles = listed(block.titles)
-                raise ScanError(f"{path}: columns {titles}, where others differ")
+                raise ScanError(
+                    f"{path}: columns {listed(block.titles)}, where others differ"
+                )
         tables[path] = concat([block.table for block in poses])
     check_whose(first, layout.entry)
     if len(files) == 1:
@@ -260,9 +261,10 @@ def pose_fields(poses: Block, labels: list[str]) -> tuple[Fields, Taken]:
     not_read = f", not {others}" if others else ""
     name = "poses" if poses.entry in ("", "pose") else f"poses of {poses.entry}"
     words = f"{poses.path.name}: {len(labels)} {name}{not_read} in {units}"
-    meaning = f"{', '.join(poses.chosen)}: {poses.convention.meaning}"
-    places = ranges("XYZ", numbers[:, :3] * to_mm)
-    taken = {"poses": f"{words}: {places}", "pose_columns": meaning}
+    taken = {
+        "poses": f"{words}: {ranges('XYZ', numbers[:, :3] * to_mm)}",
+        "pose_columns": f"{', '.join(poses.chosen)}: {poses.convention.meaning}",
+    }
     columns = dict(zip(poses.chosen, numbers.T, strict=True))
     table = Table(poses.path, {"pose": labels} | columns, poses.table.index)
     return check_poses(table, to_mm), taken  # with positions in mm
