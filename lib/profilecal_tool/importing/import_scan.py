@@ -92,7 +92,12 @@ def read_folder(folder: Path, layout: Layout) -> tuple[Block, Series, Blocks, Ta
     of_poses, of_profiles = map(families.get, which_hold_what(folder, families, layout))
     files = ChainMap(*families.values())
     blocks = [*chain(*files.values())]
-    check_wanted(folder, blocks, layout)
+    names = {n for block in blocks for c in block.unposed for n in (c.name, c.role)}
+    if layout.wanted[0] not in {*names, "", "tool", "base"}:
+        raise ScanError(
+            f"{folder}: no rows where {layout.where}; the columns are "
+            f"{listed(sorted(names - {''}))}"
+        )
     read = {*of_poses, *of_profiles, *(block.path for block in blocks if block.robot)}
     left_out = listed(sorted(path.name for path in files.keys() - read)) or "none"
     poses = robot_poses(of_poses, layout)
@@ -148,16 +153,6 @@ def with_rows_wanted(block: Block, layout: Layout) -> Block:
             is_wanted = [value in (str(c).lower(), label_of(c).lower()) for c in cells]
             block = block.rows_at(is_wanted)
     return block
-
-
-def check_wanted(folder: Path, blocks: Blocks, layout: Layout) -> None:
-    """Raise ScanError where rows are wanted by a column that no block has."""
-    names = {n for block in blocks for c in block.unposed for n in (c.name, c.role)}
-    if layout.wanted[0] not in {*names, "", "tool", "base"}:
-        raise ScanError(
-            f"{folder}: no rows where {layout.where}; the columns are "
-            f"{listed(sorted(names - {''}))}"
-        )
 
 
 def which_hold_what(
@@ -261,6 +256,10 @@ def in_sweeps(folder: Path, fields: Fields, both: Times) -> Fields:
         log = checked_log(both.log, fields["R_base_flange"], fields["p_base_flange"])
         begins = np.diff(times, prepend=times[0]) > GAP * np.median(np.diff(times))
         sweeps = [f"s{number}" for number in np.cumsum(begins) + 1]
-    # no file says from which side a sweep was: all are of one
-    moved = {"log": log, "times": times, "sweeps": tuple(sweeps), "side": 0}
-    return NO_POSES | moved | {"convention": fields["convention"]}
+    return NO_POSES | {
+        "log": log,
+        "times": times,
+        "sweeps": tuple(sweeps),
+        "side": 0,  # no file says from which a sweep was: all are of one
+        "convention": fields["convention"],
+    }

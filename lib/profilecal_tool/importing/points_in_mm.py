@@ -26,9 +26,8 @@ def in_mm(place: Path, tables: Blocks, layout: Layout) -> tuple[ndarray, Taken]:
     xz[unseen] = np.nan
     if unseen.all():
         raise ScanError(f"{place}: nothing was seen in any profile")
-    # a user may say that no height stands for nothing (--missing 1e9)
-    is_none_said = layout.missing not in (None, *codes)
-    if not is_none_said:
+    # or else a user says that no height stands for nothing (--missing 1e9)
+    if layout.missing in (None, *codes):
         check_codes(place, xz[~unseen], layout)
     units = units_said(tables, codes, layout)
     scale, unit = scale_of(place, units, "mm", LENGTH_UNITS)

@@ -135,7 +135,7 @@ def runs_of_lines(
 def cells_of(lines: Iterable[bytes], between: bytes | None) -> Rows:
     """The text of each cell of lines."""
     rows = [line.strip(MARKS).split(between) for line in lines]
-    return [[c.decode(errors="ignore").strip(EDGES) for c in row] for row in rows]
+    return [[c.decode().strip(EDGES) for c in row] for row in rows]
 
 
 def row_where_numbers_begin(rows: Rows) -> int:
