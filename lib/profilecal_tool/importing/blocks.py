@@ -112,31 +112,31 @@ class Block:
         return self.labels.get("name", [])
 
     @cached_property
-    def poses(self) -> dict[str, Self]:
-        """The poses of its rows, by their entries: a position, and angles of the same
+    def poses(self) -> list[Self]:
+        """The poses of its rows, an entry each: a position, and angles of the same
         owner, or else of owners without a position; one for each convention.
         """
         if self.kind != "pose":
-            return {}
+            return []
         by_owner: dict[str, dict[str, Column]] = defaultdict(dict)
         for column in self.columns:  # the first of a role counts
             by_owner[column.owner].setdefault(column.role, column)
         placed = {who: of for who, of in by_owner.items() if of.keys() >= {*XYZ}}
         loose = {c.role: c for c in self.columns[::-1] if c.owner not in placed}
-        poses = {}
+        poses = []
         for owner, own in placed.items():
             conventions = conventions_in(own) or conventions_in(loose | own)
             for one in conventions:
                 names = [self.robot, owner, one.name if len(conventions) > 1 else ""]
                 entry = " ".join(filter(None, names))
                 chosen = {role: (loose | own)[role] for role in (*XYZ, *one.columns)}
-                poses[entry] = replace(self, chosen=chosen, entry=entry)
+                poses.append(replace(self, chosen=chosen, entry=entry))
         return poses
 
     @cached_property
     def unposed(self) -> list[Column]:
         """The columns that are of no pose."""
-        posed = {c for pose in self.poses.values() for c in pose.chosen.values()}
+        posed = {c for pose in self.poses for c in pose.chosen.values()}
         return [column for column in self.columns if column not in posed]
 
     def having(self, *roles: str) -> list[Column]:

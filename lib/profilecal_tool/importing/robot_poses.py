@@ -61,9 +61,9 @@ def poses_in(blocks: Blocks, said: str) -> Blocks:
             rows = DataFrame(rows.to_numpy().reshape(-1, 16), rows.index[::4])
             block = retitled(block, rows, counted(16))
         if not said:
-            found += block.poses.values()
+            found += block.poses
         elif len(titles) == len(block.columns):
-            found += retitled(block, rows, titles).poses.values()
+            found += retitled(block, rows, titles).poses
     return found
 
 
@@ -257,7 +257,7 @@ def pose_fields(poses: Block, labels: list[str]) -> tuple[Fields, Taken]:
     scale, of_angle = angle_scale(poses)
     numbers[:, 3:] *= scale
     units = listed(filter(None, (unit, of_angle)))
-    others = listed(entry for entry in poses.poses if entry != poses.entry)
+    others = listed(o.entry for o in poses.poses if o.entry != poses.entry)
     not_read = f", not {others}" if others else ""
     name = "poses" if poses.entry in ("", "pose") else f"poses of {poses.entry}"
     words = f"{poses.path.name}: {len(labels)} {name}{not_read} in {units}"

@@ -52,7 +52,7 @@ def tools_in_data(blocks: Blocks, poses: Block, to_mm: float) -> list[Row]:
         if is_tool and not poses.robot:
             is_of_poses = block.path.is_relative_to(poses.path)
             tools.append({"name": AT_ONCE if is_of_poses else f"in {block.path.name}"})
-        for frame in block.poses.values():
+        for frame in block.poses:
             name = (frame.entry or frame.sheet or stem).lower()
             if name not in WORDS["tool"]:
                 continue
