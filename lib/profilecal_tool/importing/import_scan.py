@@ -158,14 +158,11 @@ def with_rows_wanted(block: Block, layout: Layout) -> Block:
 def which_hold_what(
     folder: Path, families: Families, layout: Layout
 ) -> tuple[str, str]:
-    """Which files hold the poses, and which the profiles: as a user says, or else by
-    their blocks::
+    """Which files hold poses, and which profiles: as is said, or else by their blocks::
 
-        robot.csv (x, y, z, a, b, c), scan_*.csv (x, z)    robot.csv, scan_*.csv
-        log.csv (tcp_x, …, tcp_c, laser_x, laser_z)        log.csv, log.csv
-        poses.txt (1, …, 6), scan_*.csv (x, z)             poses.txt, scan_*.csv: the
-                                                           former is asked about
-                                                           later, by robot_poses
+        robot.csv (x, y, z, a, b, c), scan_*.csv (x, z)   robot.csv, scan_*.csv
+        log.csv (tcp_x, …, tcp_c, laser_x, laser_z)       log.csv, log.csv
+        poses.txt (1, …, 6: asked), scan_*.csv (x, z)     poses.txt, scan_*.csv
 
     Raises ScanError; Question where several may.
     """
@@ -174,10 +171,14 @@ def which_hold_what(
     blocks_of = {n: next(filter(None, families[n].values()), []) for n in by_count}
     said = layout.poses, layout.profiles
     unsaid = [name for name in by_count if blocks_of[name] and name not in said]
-    counts = {n: count_poses(blocks_of[n], layout) * len(families[n]) for n in unsaid}
+    found = [
+        (name, len(poses.table) * len(families[name]))
+        for name in unsaid
+        for poses in poses_in(blocks_of[name], layout.pose_columns)
+    ]
     # a pose alone, beside others, is a tool's or a target's
-    several = [name for name in unsaid if counts[name] > 1]
-    with_poses = several or [name for name in unsaid if counts[name]]
+    several = [name for name, count in found if count > 1]
+    with_poses = [*dict.fromkeys(several or dict(found))]
     others = [name for name in unsaid if name not in with_poses]
     # half as many files are something else, such as a reference
     most = [n for n in others if 2 * len(families[n]) > len(families[others[0]])]
@@ -194,12 +195,6 @@ def which_hold_what(
     if not with_points and points_of_file(blocks, layout):
         with_points = [pose]
     return pose, layout.profiles or one_of_profiles(folder, with_points, pose, blocks)
-
-
-def count_poses(blocks: Blocks, layout: Layout) -> int:
-    """The most poses that a block of a file has."""
-    found = poses_in(blocks, layout.pose_columns)
-    return max((len(poses.table) for poses in found), default=0)
 
 
 def one_of_profiles(
