@@ -169,12 +169,21 @@ class Match(NamedTuple):
 
 def paired_by_label(poses: Block, names: Names) -> Pairing | None:
     """The pairing by the labels, and the names or numbers in them, that serve most
-    poses.
+    poses, and more than half of them and of the profiles, or else all profiles.
 
     Raises ScanError where another column says otherwise of a profile, and where a label
     stands twice.
     """
-    matches = [*matches_of(poses, names)]
+    matches = []
+    for title, labels in poses.labels.items():
+        for is_whole, what, keys, sought in ways_to_compare(labels, names):
+            row_of = {key: row for row, key in enumerate(keys)}  # the last so
+            rows = np.array([row_of.get(key, -1) for key in sought])
+            served = {*rows} - {-1}
+            share = min((rows >= 0).mean(), len(served) / len(row_of))
+            if share > 0.5 or len(served) == len(rows):
+                how = f"by {title} and the {what}"
+                matches.append(Match(title, how, is_whole, keys, rows, share))
     if not matches:
         return None
     best = max(matches, key=lambda match: (match.is_whole, match.share))
@@ -189,21 +198,6 @@ def paired_by_label(poses: Block, names: Names) -> Pairing | None:
                 "leave one out"
             )
     return pairing_of(poses, names, best.rows, best.how)
-
-
-def matches_of(poses: Block, names: Names) -> Iterator[Match]:
-    """The ways to compare each column of labels with the names of profiles that serve
-    more than half of these and of the poses, or each profile by a pose of its own.
-    """
-    for title, labels in poses.labels.items():
-        for is_whole, what, keys, sought in ways_to_compare(labels, names):
-            row_of = {key: row for row, key in enumerate(keys)}  # the last so
-            rows = np.array([row_of.get(key, -1) for key in sought])
-            served = {*rows} - {-1}
-            share = min((rows >= 0).mean(), len(served) / len(row_of))
-            if share > 0.5 or len(served) == len(rows):
-                how = f"by {title} and the {what}"
-                yield Match(title, how, is_whole, keys, rows, share)
 
 
 def check_others(poses: Block, names: Names, best: Match, matches: list[Match]) -> None:
