@@ -238,5 +238,8 @@ def fields_of_flange(fields: Fields, T_flange_tool: ndarray) -> Fields:
     """Fields of a Scan with the flange's poses in place of the tool's."""
     T_base_tool = homogeneous(fields["R_base_flange"], fields["p_base_flange"])
     T = T_base_tool @ np.linalg.inv(T_flange_tool)
-    flange = {"R_base_flange": T[:, :3, :3], "p_base_flange": T[:, :3, 3]}
-    return fields | flange | {"orientation": None}
+    return fields | {
+        "R_base_flange": T[:, :3, :3],
+        "p_base_flange": T[:, :3, 3],
+        "orientation": None,
+    }
