@@ -240,8 +240,7 @@ def mount_check_lines(check: MountCheck, kind: str) -> Lines:
 def moves(check: MountCheck, kind: str) -> Lines:
     """Which moves would explain what was seen, and how well."""
     if "sensor" in check.suspects:
-        sizes, sds = check.alone_mm_deg
-        k = np.argmax(np.abs(sizes / sds))
+        (sizes, sds), k = check.alone_mm_deg, check.axis
         way = " mm along" if k < 3 else "° about"
         size = f"{sizes[k]:+.2g} ± {sds[k]:.1g}{way}"
         axis = f"the sensor's {'xyz'[k % 3]}"

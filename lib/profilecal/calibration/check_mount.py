@@ -1,9 +1,10 @@
 """Is everything where a calibration left it? One to three poses of the same artefact
 are predicted from its answer, and compared with what the scanner sees.
 
-Nothing is solved. The residuals at the answer speak (`evidence`) of moves of the sensor
-and of the artefact since, where the mean and the covariance that the calibration left
-are all that is known of the other unknowns.
+The calibration is not solved anew. The residuals at its answer speak (`evidence`) of
+moves of the sensor and of the artefact since, where the mean and the covariance that it
+left are all that is known of the other unknowns. Whether one of the two explains what
+was seen is looked at where it would have moved to, as residuals are not linear.
 """
 
 from dataclasses import dataclass
@@ -30,6 +31,8 @@ from profilecal.targets.state import State
 # errors that a calibration may have considered
 ALL_CONSIDERED = Systematic(**dict.fromkeys(vars(TYPICAL), 1.0))
 POWER = 0.9
+LITTLE = 0.01  # of a move's unit: its square is nothing to the residuals
+MOST_STEPS = 20  # to where sensor or target would have moved
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,6 +48,11 @@ class MountCheck:
     # what they say of moves of the sensor (6) and of the target (t), in units of how
     # well one would know these by hand
     moves: Evidence
+    # by how much the sensor would have moved along or about each of its axes alone, the
+    # standard deviations, in the same units, and the χ² that are left then, (3, 6)
+    along: ndarray
+    # what the residuals say of moves of "sensor" or "target" alone, where it would be
+    alone: dict[str, Evidence]
     freedom: float  # degrees of freedom with which the robot's errors are known
 
     @property
@@ -80,11 +88,10 @@ class MountCheck:
         such a move explains anything.
         """
         chances = {}
-        for what, part in (("sensor", slice(0, 6)), ("target", slice(6, None))):
-            says = self.moves.of(part)
+        for what, says in self.alone.items():
             told = np.linalg.eigvalsh(says.information) > 1
             free = self.count - int(np.count_nonzero(told))
-            chances[what] = self.chance_of(self.chi2 - says.explained, free)
+            chances[what] = self.chance_of(says.chi2 - says.explained, free)
         return chances
 
     @property
@@ -99,15 +106,20 @@ class MountCheck:
         """By how much the sensor would have moved along or about one of its axes alone,
         and the standard deviations, (2, 6).
         """
-        return self.moves.each()[:, :6] * HAND_PRECISION * DEGREES
+        return self.along[:2] * HAND_PRECISION * DEGREES
+
+    @property
+    def axis(self) -> int:
+        """Which of these six moves explains most."""
+        return int(np.argmin(self.along[2]))
 
     @property
     def seen_mm_deg(self) -> ndarray:
         """(6,) how far the sensor would have to move along or about one of its axes for
         these poses to show it with a chance of 90 %.
         """
-        _, sd = self.alone_mm_deg
-        return sd * np.sqrt(self.shown_square)
+        sd = self.moves.each()[1, :6]
+        return sd * HAND_PRECISION * DEGREES * np.sqrt(self.shown_square)
 
     @property
     def shown_square(self) -> float:
@@ -207,12 +219,36 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     _, _, origin, axes = joint.targets[number]
     T, placement = found.pose[None], (np.array([origin]), np.array([axes]))
     state = State(T[:, :3, :3], T[:, :3, 3], (placement,))
-    model = problem.model(state, [*noise.of_robot])
     names = column_names(problem, [number], noise.accuracy_mm > 0)
+
+    def moves_from(there: State) -> Evidence:
+        """What the residuals say of moves from a state."""
+        model = problem.model(there, [*noise.of_robot])
+        return moves_after(model, noise, *joint.of(names), problem.units)
+
+    def moves_of(part: slice) -> tuple[ndarray, Evidence]:
+        """Where some unknowns alone are likeliest, and what is said of them there."""
+        moved, says = np.zeros(problem.n), moves.of(part)
+        for _ in range(MOST_STEPS):
+            if np.abs(says.likeliest).max() < LITTLE:
+                break
+            moved[part] += says.likeliest
+            there = problem.move(state, moved[None] * problem.units)
+            says = moves_from(there).of(part)
+        return moved[part], says
+
+    moves = moves_from(state)
+    along = []
+    for k in range(6):
+        moved, says = moves_of(slice(k, k + 1))
+        (step, sd), left = says.each()[:, 0], says.chi2 - says.explained
+        along.append([moved[0] + step, sd, left])
     return MountCheck(
         labels=tuple(scan.labels[i] for i in seen.poses),
-        count=int(model.ranks.sum()),
-        moves=moves_after(model, noise, *joint.of(names), problem.units),
+        count=int(problem.model(state, []).ranks.sum()),
+        moves=moves,
+        along=np.transpose(along),
+        alone={"sensor": moves_of(slice(6))[1], "target": moves_of(slice(6, None))[1]},
         freedom=joint.freedom,
     )
 

@@ -64,8 +64,8 @@ def test_what_moved_is_told_where_poses_are_enough_and_not_from_one(kind, suspec
     assert at_many.endswith(f"poses={len(many)})")
     verdicts = {}
     for name, change, by in [
-        ("sensor", moved_sensor, [1.0, 1.0]),
-        ("target", moved, [1.0, 1.0, 1.0]),  # met elsewhere
+        ("sensor", moved_sensor, [2.0, 8.0]),
+        ("target", moved, [8.0, 3.0, 2.0]),  # met elsewhere
     ]:
         changed = change(again, np.array(by))
         alone = pc.check_mount(found, few(changed, one))
