@@ -16,6 +16,7 @@ from numpy import ndarray
 from numpy.random import Generator
 from scipy.spatial.distance import cdist
 
+from profilecal.calibration.observe import LEAST_POSES
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.observability import LEAST_TURN_DEG
 from profilecal.geometry.poses import angle_between, chord
@@ -24,6 +25,7 @@ from profilecal.scan.tables import ScanError
 from profilecal.simulation.sweeps import Motion, drive, half_way, straight
 from profilecal_tool.plan.candidates import BEYOND, draw, neighbours, refused
 from profilecal_tool.plan.scan_model import (
+    NOWHERE,
     Limits,
     Prediction,
     ScanModel,
@@ -93,7 +95,12 @@ class Pool:
         precision[:n, :n] = np.diag(RIDGE / problem.units**2)
         if len(model.before[1]):
             _, done, _ = model.linear(*model.before)
-            precision += done.posterior(variances[None]).normal[0, :-1, :-1]
+            known = done.posterior(variances[None]).normal[0, :-1, :-1]
+            # what it says but for the target, which then was somewhere else
+            others = np.r_[:6, n : len(known)]
+            target = np.linalg.solve(known[6:n, 6:n], known[6:n, others])
+            known = known[np.ix_(others, others)] - known[others, 6:n] @ target
+            precision[np.ix_(others, others)] += known
         self.R, self.T = R, T
         self.prior = precision * scale
         self.V = factors(each_alone(linear, variances) * scale)
@@ -196,7 +203,8 @@ def fitted(
     """
 
     def suffice(some: Chosen) -> bool:
-        return bool(some) and not limits.poses and lacks(some) <= 1
+        is_enough = len(some) >= LEAST_POSES and not limits.poses
+        return is_enough and lacks(some) <= 1
 
     most = limits.poses or limits.most
     for _ in watched(range(len(chosen), most), "choosing poses"):
@@ -226,7 +234,8 @@ def design(model: ScanModel, rng: Generator, **asked: Any) -> Plan:
     # what smooth errors do must not depend on the poses, for information to add up
     smooth = model.linear(*drawn)[0].smooth(model.state).known
     fixed = replace(model, smooth=smooth)
-    pool = Pool(fixed, *drawn, wanted_sd)
+    # first as if nothing were there: one by one, poses do not place a further target
+    pool = Pool(replace(fixed, before=NOWHERE), *drawn, wanted_sd)
     chosen = fitted(pool, [], limits, pool.lacks)
     for _ in watched(range(EXCHANGES), "exchanging poses"):
         plan = pool.R[chosen], pool.T[chosen]

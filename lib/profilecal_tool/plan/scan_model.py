@@ -110,17 +110,20 @@ class ScanModel(Setup):
         )
 
     def linear(
-        self, R: ndarray, T: ndarray, **in_motion: Any
+        self, R: ndarray, T: ndarray, before: Frames = NOWHERE, **in_motion: Any
     ) -> tuple[Problem, LinearModel, ndarray]:
         """The problem of a calibration from poses, its linear model, and the variances
-        (1 + k,) of the errors in that. `in_motion`: log, times and groups of
+        (1 + k,) of the errors in that. `before`: those of an earlier scan, in which the
+        target has a place of its own. `in_motion`: log, times and groups of
         `Observations`.
         """
-        seen = replace(self.observed(R, T), **in_motion)
-        problem = Problem([seen], self.noise, self.systematic, known_smooth=self.smooth)
+        scans = [poses for poses in (before, (R, T)) if len(poses[1])]
+        seen = [replace(self.observed(*poses), **in_motion) for poses in scans]
+        problem = Problem(seen, self.noise, self.systematic, known_smooth=self.smooth)
+        state = replace(self.state, placements=self.state.placements * len(scans))
         sizes = self.noise.of_robot | {"jitter_ms": self.noise.jitter_ms}
         variances = np.square([1.0, *sizes.values()])
-        return problem, problem.model(self.state, [*sizes]), variances
+        return problem, problem.model(state, [*sizes]), variances
 
 
 def each_alone(model: LinearModel, variances: ndarray) -> ndarray:
@@ -171,20 +174,19 @@ def predict(
     **in_motion: Any,
 ) -> Prediction:
     """Predict how well flange poses (P, 3, 3), (P, 3) will determine the sensor pose,
-    with those that were there before.
+    with those of the scan that was before.
 
     Without bends of smooth errors, which widen the regions of planned scans by a tenth.
     With `rng`: and how well if the guess is wrong by anything within its margins.
     `in_motion`: as `ScanModel.linear` takes it.
     """
-    poses = joined(model.before, (R, T))
-    problem, linear, variances = model.linear(*poses, **in_motion)
+    problem, linear, variances = model.linear(R, T, model.before, **in_motion)
     posterior = linear.posterior(variances[None])
     (covariance,), n, clock = posterior.covariance, problem.n, problem.clock
     is_open = spectrum(posterior.normal[0, :n, :n], problem.units).is_open
     known = of_covariance(covariance[:6, :6], is_open)
     mm, rad = largest_sd(known.covariance)
-    worst = mm, np.degrees(rad), len(poses[1])
+    worst = mm, np.degrees(rad), len(problem.counts)
     delay_sd_s = clock and np.sqrt(covariance[clock, clock])
     between = ()
     if rng and model.guess:

@@ -11,6 +11,7 @@ from numpy.random import Generator, default_rng
 
 from profilecal.calibration.calibrate import calibrate
 from profilecal.calibration.calibration import Calibration
+from profilecal.calibration.observe import LEAST_POSES
 from profilecal.joint.prior import prior_from
 from profilecal.scan.folder import header_of, poses_columns, read_scan
 from profilecal.scan.tables import ScanError, write_table
@@ -129,6 +130,11 @@ def read_task(
     limits = spec.plan if place else model.limits
     if poses or until:
         limits = replace(limits, poses=poses or 0, until=until or limits.until)
+    if is_scan and 0 < limits.poses < LEAST_POSES:
+        raise ScanError(
+            f"poses is {limits.poses}; expected {LEAST_POSES} or more: they tell where "
+            "the target stands then"
+        )
     if motion and not (limits.poses or limits.until):
         limits = replace(limits, poses=(motion.sweeps + 1) // 2)
     return Task(replace(model, limits=limits), rng, source, stated, entries, motion)

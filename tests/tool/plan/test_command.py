@@ -103,9 +103,9 @@ def test_a_plan_goes_on_from_a_scan_that_is_ok_with_an_error_and_a_pose_left_out
     answer = json.loads(run("calibrate", first, "--json").output)
     assert answer["status"] == "ok"
     assert answer["poses_rejected"] == ["5"]
-    planned = run("plan", first, more, "--poses", 2)
+    planned = run("plan", first, more, "--poses", 3)
     assert planned.exit_code == 0, planned.output
-    assert "predicted for 16 poses, 2 of them new" in planned.output
+    assert "predicted for 17 poses, 3 of them new" in planned.output
     assert "calibrate finds an error in this scan" in planned.output
 
 
@@ -185,7 +185,7 @@ def test_a_first_step_is_of_no_more_poses_than_are_allowed(tmp_path):
 
 def test_a_wide_guess_gets_a_first_step_whose_answer_plans_the_second(tmp_path):
     wish = "until = [0.09, 0.045]\nhigh = [1200, 400, 800]"
-    # of seeds 2 to 7 the answers are 1.0 to 1.6 times as wide as what is asked for
+    # of seeds 2 to 9 the answers are 0.8 to 1.5 times as wide as what is asked for
     spec = spec_in(tmp_path, WIDE, (PLANNED, wish), ("seed = 2", "seed = 4"))
     first, scan, second, more = (tmp_path / name for name in "1234")
     planned = run("plan", spec, first).output
