@@ -117,7 +117,9 @@ def systematic_tests(
         says.of(slice(k, k + 6)) for says in every for k in range(len(tried), steps, 6)
     ]
     found = findings(solution, tried, of_errors, pattern)
-    return found, moved([*parts], single, without) if parts else []
+    by_error = [says.of(slice(k, k + 1)) for says in every for k in range(len(tried))]
+    other = without.repeat(len(tried)) + [says.log_odds for says in by_error]
+    return found, moved([*parts], single, without, other.max()) if parts else []
 
 
 def findings(
@@ -140,11 +142,14 @@ def findings(
     return [*compress(every, visible)]
 
 
-def moved(words: list[str], single: list[Evidence], without: ndarray) -> list[str]:
+def moved(
+    words: list[str], single: list[Evidence], without: ndarray, other: float
+) -> list[str]:
     """A sentence on the part of the profiles whose sensor pose is most clearly another
     one than that of all others, if there is one. `words` on each part, with a place for
     how far; `single`: what residuals say of a move of each by itself, for each size of
-    the robot's errors; `without`: the log evidence of each size without a move.
+    the robot's errors; `without`: the log evidence of each size without a move;
+    `other`: the largest one with one error in every pose alike in place of a move.
 
     Where none moved, a move makes the residuals n times as likely in one of n scans at
     most. Errors that were estimated without a move explain it if they are large: they
@@ -153,7 +158,8 @@ def moved(words: list[str], single: list[Evidence], without: ndarray) -> list[st
     count = len(words)
     with_one = without.repeat(count) + [says.log_odds for says in single]
     best = int(np.argmax(with_one))
-    if with_one[best] - without.max() < np.log(count / FALSE_ALARM):
+    clearest = with_one[best]
+    if clearest < max(without.max() + np.log(count / FALSE_ALARM), other):
         return []
     far = " and ".join(how_far(single[best].likeliest * UNIT))
     return [words[best % count].replace("{}", far)]
