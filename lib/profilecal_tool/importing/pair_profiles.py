@@ -114,7 +114,16 @@ def paired_in_order(
     return pairing_of(poses, names, rows, how)
 
 
-def ways_to_compare(labels: Names, names: Names) -> Iterator[tuple]:
+class Way(NamedTuple):
+    """A way to compare labels and names."""
+
+    is_whole: bool  # by names or several numbers, not by one number
+    what: str
+    keys: Sequence  # of labels
+    sought: Sequence  # of names
+
+
+def ways_to_compare(labels: Names, names: Names) -> Iterator[Way]:
     """The ways to compare labels and names of profiles: whether by names or several
     numbers, not by one; what is compared; this of each label, and of each name.
 
@@ -138,10 +147,10 @@ def ways_to_compare(labels: Names, names: Names) -> Iterator[tuple]:
     """
     stems = [*map(stem_of, names)]
     if not "".join(stems).isdigit():
-        yield True, "names", [*map(stem_of, labels)], stems
+        yield Way(True, "names", [*map(stem_of, labels)], stems)
     of_labels, of_names = [*map(numbers_in, labels)], [*map(numbers_in, names)]
     if max(map(len, of_labels)) > 1:
-        yield True, "numbers in the names", of_labels, of_names
+        yield Way(True, "numbers in the names", of_labels, of_names)
     last = [numbers[-1] if numbers else None for numbers in of_labels]
     for k, sought in enumerate(zip(*of_names, strict=False), 1):
         shift = (0 in sought) - (0 in last)
@@ -151,20 +160,23 @@ def ways_to_compare(labels: Names, names: Names) -> Iterator[tuple]:
         what = f"number in place {k} of the names"
         fits, fits_shifted = ({*some} <= {*last} for some in (sought, shifted))
         if fits or not fits_shifted:
-            yield False, what, last, sought
+            yield Way(False, what, last, sought)
         if shift and not fits:
-            yield False, f"{what} {shift:+d}", last, shifted
+            yield Way(False, f"{what} {shift:+d}", last, shifted)
 
 
 class Match(NamedTuple):
     """Which poses have the labels that profiles have, by one way to compare them."""
 
+    way: Way
     title: str  # of the labels' column
-    how: str  # they are compared
-    is_whole: bool  # by names or several numbers, not by one number
-    keys: Sequence  # of the poses
     rows: ndarray  # of the poses; (P,) of each profile, -1: none
     share: float  # of the poses and of the profiles that it serves, the smaller one
+
+    @property
+    def how(self) -> str:
+        """What is compared."""
+        return f"by {self.title} and the {self.way.what}"
 
 
 def paired_by_label(poses: Block, names: Names) -> Pairing | None:
@@ -176,19 +188,19 @@ def paired_by_label(poses: Block, names: Names) -> Pairing | None:
     """
     matches = []
     for title, labels in poses.labels.items():
-        for is_whole, what, keys, sought in ways_to_compare(labels, names):
-            row_of = {key: row for row, key in enumerate(keys)}  # the last so
-            rows = np.array([row_of.get(key, -1) for key in sought])
+        for way in ways_to_compare(labels, names):
+            row_of = {key: row for row, key in enumerate(way.keys)}  # the last so
+            rows = np.array([row_of.get(key, -1) for key in way.sought])
             served = {*rows} - {-1}
             share = min((rows >= 0).mean(), len(served) / len(row_of))
-            if share > 0.5 or len(served) == len(rows):
-                how = f"by {title} and the {what}"
-                matches.append(Match(title, how, is_whole, keys, rows, share))
+            has_all = len(served) == len(rows)  # a pose of its own for each profile
+            if share > 0.5 or has_all:
+                matches.append(Match(way, title, rows, share))
     if not matches:
         return None
-    best = max(matches, key=lambda match: (match.is_whole, match.share))
+    best = max(matches, key=lambda match: (match.way.is_whole, match.share))
     check_others(poses, names, best, matches)
-    keys = best.keys
+    keys = best.way.keys
     is_again = Series(keys).duplicated().to_numpy()
     for name, row in zip(names, best.rows, strict=True):
         if row >= 0 and is_again[row]:
@@ -207,7 +219,7 @@ def check_others(poses: Block, names: Names, best: Match, matches: list[Match]) 
     for other in matches:
         differs = (np.minimum(other.rows, best.rows) >= 0) & (other.rows != best.rows)
         is_as_good = other.share == best.share or other.title != best.title
-        is_as_good &= other.is_whole == best.is_whole
+        is_as_good &= other.way.is_whole == best.way.is_whole
         if is_as_good and differs.any():
             name = names[differs.argmax()]
             raise ScanError(

@@ -26,7 +26,6 @@ Numbers = Sequence[float]  # of a tool: its position and angles, as they stand
 Program = dict[str, list[Row]]  # the rows of each kind of line
 UNTURNED = {"qw", "r11", "r22", "r33"}  # are 1 in a frame that does not turn
 AT_ONCE = ""  # the name of a tool that is used where it is declared, without a name
-OF_ALL = ""  # the pose of lines that name none
 
 
 def lines_of_program(blocks: Blocks, maker: str) -> Program:
@@ -79,26 +78,27 @@ def of_one_frame(
     Raises Question where poses have several; ScanError where lines of no pose do, which
     does not matter if a user says the tool's numbers.
     """
-    said = defaultdict(list)  # the frames of each pose, by the lines that name it
+    # in small letters: of each pose that lines name, and of all by the other lines
+    of_pose, of_all = defaultdict(list), []
     for row in program["uses"]:
-        if frame := row.get(which, "").lower():
-            said[row.get("name", OF_ALL).lower()].append(frame)
-    column, *wanted = layout.wanted
-    if column != which:
-        wanted = []
-    several = sorted({*said[OF_ALL], *wanted})
+        pose, frame = row.get("name", "").lower(), row.get(which, "").lower()
+        if frame:
+            (of_pose[pose] if pose else of_all).append(frame)
+    column, wanted = layout.wanted
+    is_said = column == which
+    several = sorted({*of_all, wanted} if is_said else {*of_all})
     if len(several) > 1 and not (which == "tool" and layout.tool):
         raise ScanError(
             f"{poses.path}: no line says which poses are of {which} "
             f"{' or '.join(several)}; split it, one per {which}"
         )
-    if not wanted:
-        return poses, only_frame(poses, said, which)
-    others = {pose for pose, frames in said.items() if {*frames} != {*wanted}}
-    return without(poses, others), wanted[0]
+    if not is_said:
+        return poses, only_frame(poses, of_pose, of_all, which)
+    others = {pose for pose, frames in of_pose.items() if {*frames} != {wanted}}
+    return without(poses, others), wanted
 
 
-def only_frame(poses: Block, said: dict[str, list[str]], which: str) -> str:
+def only_frame(poses: Block, of_pose: dict[str, list], of_all: list, which: str) -> str:
     """The only frame that lines and columns say; "" if there is none. That some poses
     have none says nothing of the others::
 
@@ -111,20 +111,20 @@ def only_frame(poses: Block, said: dict[str, list[str]], which: str) -> str:
     """
     columns = poses.having(which)
     in_columns = [label_of(cell).lower() for c in columns for cell in poses.table[c.at]]
-    frames = [*chain(*said.values()), *in_columns]
+    frames = [*chain(*of_pose.values()), *of_all, *in_columns]
     none = WORDS[f"no_{which}"]
     names = [*dict.fromkeys(frames)]
     if len(names) > 1:
         names.sort(key=lambda name: name in none, reverse=not poses.robot)
-        answer = max(names, key=(said[OF_ALL] or frames).count)
+        answer = max(names, key=(of_all or frames).count)
         raise Question(
             f"{poses.path}: moves have {which}s {listed(names)}; of which are the "
             "poses?",
             where=f"{which}={answer}",
         )
     only = frames[0] if frames else ""
-    is_of_all = bool(said[OF_ALL] or in_columns)
-    is_of_each = poses.names and said.keys() >= {*map(str.lower, poses.names)}
+    is_of_all = bool(of_all or in_columns)
+    is_of_each = poses.names and of_pose.keys() >= {*map(str.lower, poses.names)}
     if only in none and not (is_of_all or is_of_each):
         return ""
     return only
@@ -132,8 +132,9 @@ def only_frame(poses: Block, said: dict[str, list[str]], which: str) -> str:
 
 def without(poses: Block, names: set[str]) -> Block:
     """The poses but for those of some names, in small letters."""
-    is_kept = [name.lower() not in names for name in poses.names]
-    return poses.rows_at(is_kept) if is_kept else poses
+    if not poses.names:
+        return poses
+    return poses.rows_at([name.lower() not in names for name in poses.names])
 
 
 def of_one_tool(
