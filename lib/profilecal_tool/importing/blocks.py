@@ -157,6 +157,7 @@ class Block:
         return {self.chosen[role].unit for role in roles} - {""}
 
 
+Poses = Points = Block  # with a pose, or x and z, chosen in each row
 Blocks = list[Block]
 Files = dict[Path, Blocks]  # the blocks in each file
 

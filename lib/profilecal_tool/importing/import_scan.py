@@ -7,7 +7,6 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from pandas import Series
 
 from profilecal.geometry.log import GAP
 from profilecal.geometry.progress import watched
@@ -18,6 +17,7 @@ from profilecal_tool.importing.blocks import (
     Block,
     Blocks,
     Files,
+    Poses,
     counted,
     label_of,
 )
@@ -37,7 +37,11 @@ from profilecal_tool.importing.robot_poses import (
     poses_in,
     robot_poses,
 )
-from profilecal_tool.importing.scanner_profiles import points_of_file, read_profiles
+from profilecal_tool.importing.scanner_profiles import (
+    Profiles,
+    points_of_file,
+    read_profiles,
+)
 from profilecal_tool.importing.tool_frames import (
     check_moves_beside,
     fields_of_flange,
@@ -68,7 +72,7 @@ def import_scan(
     poses = poses.rows_at(pairing.rows)
     check_moves_beside(poses, program)  # of these alone
     if not all(profiles.index):  # by which nothing was paired
-        profiles.index = counted(len(profiles))
+        profiles = profiles.set_axis(counted(len(profiles)))
     profiles = profiles.iloc[pairing.profiles]
     names = [*profiles.index]
     check_one_profile_a_pose(folder, pairing, names, layout)
@@ -84,7 +88,7 @@ def import_scan(
     return scan_of(folder, header | fields | measured), taken
 
 
-def read_folder(folder: Path, layout: Layout) -> tuple[Block, Series, Blocks, Taken]:
+def read_folder(folder: Path, layout: Layout) -> tuple[Poses, Profiles, Blocks, Taken]:
     """The robot's poses, the profiles, all that files hold, and what was taken for
     granted. Raises ScanError.
     """
@@ -92,12 +96,7 @@ def read_folder(folder: Path, layout: Layout) -> tuple[Block, Series, Blocks, Ta
     of_poses, of_profiles = map(families.get, which_hold_what(folder, families, layout))
     files = ChainMap(*families.values())
     blocks = [*chain(*files.values())]
-    names = {n for block in blocks for c in block.unposed for n in (c.name, c.role)}
-    if layout.wanted[0] not in {*names, "", "tool", "base"}:
-        raise ScanError(
-            f"{folder}: no rows where {layout.where}; the columns are "
-            f"{listed(sorted(names - {''}))}"
-        )
+    check_wanted(folder, blocks, layout)
     read = {*of_poses, *of_profiles, *(block.path for block in blocks if block.robot)}
     left_out = listed(sorted(path.name for path in files.keys() - read)) or "none"
     poses = robot_poses(of_poses, layout)
@@ -155,6 +154,16 @@ def with_rows_wanted(block: Block, layout: Layout) -> Block:
     return block
 
 
+def check_wanted(folder: Path, blocks: Blocks, layout: Layout) -> None:
+    """Raise ScanError where rows are wanted by a column that no block has."""
+    names = {n for block in blocks for c in block.unposed for n in (c.name, c.role)}
+    if layout.wanted[0] not in {*names, "", "tool", "base"}:
+        raise ScanError(
+            f"{folder}: no rows where {layout.where}; the columns are "
+            f"{listed(sorted(names - {''}))}"
+        )
+
+
 def which_hold_what(
     folder: Path, families: Families, layout: Layout
 ) -> tuple[str, str]:
@@ -171,14 +180,13 @@ def which_hold_what(
     blocks_of = {n: next(filter(None, families[n].values()), []) for n in by_count}
     said = layout.poses, layout.profiles
     unsaid = [name for name in by_count if blocks_of[name] and name not in said]
-    found = [
-        (name, len(poses.table) * len(families[name]))
-        for name in unsaid
-        for poses in poses_in(blocks_of[name], layout.pose_columns)
-    ]
+    count_of = {}  # poses in those files that have some
+    for name in unsaid:
+        if found := poses_in(blocks_of[name], layout.pose_columns):
+            rows = max(len(poses.table) for poses in found)
+            count_of[name] = rows * len(families[name])
     # a pose alone, beside others, is a tool's or a target's
-    several = [name for name, count in found if count > 1]
-    with_poses = [*dict.fromkeys(several or dict(found))]
+    with_poses = [name for name in count_of if count_of[name] > 1] or [*count_of]
     others = [name for name in unsaid if name not in with_poses]
     # half as many files are something else, such as a reference
     most = [n for n in others if 2 * len(families[n]) > len(families[others[0]])]
@@ -212,7 +220,7 @@ def one_of_profiles(
     return one_or_ask(folder, patterns, what, "profiles")
 
 
-def points_or_profiles(profiles: Series) -> tuple[Fields, str]:
+def points_or_profiles(profiles: Profiles) -> tuple[Fields, str]:
     """Fields of a Scan: points, where each profile has one row; or profiles, which are
     empty where fewer than two points were seen; and words on those.
     """

@@ -11,7 +11,9 @@ from pandas import Series, to_numeric
 from pandas.api.types import is_numeric_dtype
 
 from profilecal.scan.tables import ScanError, cell_number, listed
-from profilecal_tool.importing.blocks import Block
+from profilecal_tool.importing.blocks import (
+    Poses,
+)
 from profilecal_tool.importing.makers import TIME_UNITS, XYZ, scale_of
 from profilecal_tool.importing.questions import Layout
 
@@ -40,7 +42,7 @@ class Pairing(NamedTuple):
     times: Times | None = None  # in motion
 
 
-def pair_profiles(poses: Block, names: Names, moves: Names, layout: Layout) -> Pairing:
+def pair_profiles(poses: Poses, names: Names, moves: Names, layout: Layout) -> Pairing:
     """The poses that have a profile, and it, by its name, "" where it has none;
     `moves`: the poses' names as a program's lines use them.
 
@@ -60,15 +62,15 @@ def pair_profiles(poses: Block, names: Names, moves: Names, layout: Layout) -> P
     return paired_in_order(poses, names, moves, times, layout)
 
 
-def pairing_of(poses: Block, names: Names, found: ndarray, how: str) -> Pairing:
+def pairing_of(poses: Poses, names: Names, found: ndarray, how: str) -> Pairing:
     """The pairing of profiles whose poses were found in these rows (P,), -1: none; in
     the order of the poses. Raises ScanError where none was found.
     """
     if (found < 0).all():
         raise ScanError(f"{poses.path}: {how}, and no profile has a pose")
-    labels = next(iter(poses.labels.values()), [])
+    labels, served = next(iter(poses.labels.values()), []), {*found}
     lost = [*compress(names, found < 0)]
-    idle = [*compress(labels, ~np.isin(np.arange(len(labels)), found))]
+    idle = [label for row, label in enumerate(labels) if row not in served]
     words = how
     for what, left in (("pose", lost), ("profile", idle)):
         words += f"; left out, without a {what}: {listed(left)}" if left else ""
@@ -78,7 +80,7 @@ def pairing_of(poses: Block, names: Names, found: ndarray, how: str) -> Pairing:
 
 
 def paired_in_order(
-    poses: Block, names: Names, moves: Names, times: Times | None, layout: Layout
+    poses: Poses, names: Names, moves: Names, times: Times | None, layout: Layout
 ) -> Pairing:
     """The poses as a program's lines use them, or as they are listed.
 
@@ -124,20 +126,19 @@ class Way(NamedTuple):
 
 
 def ways_to_compare(labels: Names, names: Names) -> Iterator[Way]:
-    """The ways to compare labels and names of profiles: whether by names or several
-    numbers, not by one; what is compared; this of each label, and of each name.
+    """The ways to compare labels and the names of profiles.
 
     >>> for way in ways_to_compare(["p1", "p2", "p3"], ["a/scan_0.csv", "scan_1"]):
     ...     print(*way)
-    True names ['p1', 'p2', 'p3'] ['scan_0', 'scan_1']
-    False number in place 1 of the names +1 [1, 2, 3] [1, 2]
+    True profiles' names ['p1', 'p2', 'p3'] ['scan_0', 'scan_1']
+    False number in place 1 of the profiles' names +1 [1, 2, 3] [1, 2]
     >>> for way in ways_to_compare(["1.1", "1.10"], ["1", "2"]):
     ...     print(*way)
-    True numbers in the names [(1, 1), (1, 10)] [(1,), (2,)]
-    False number in place 1 of the names [1, 10] (1, 2)
+    True numbers in the profiles' names [(1, 1), (1, 10)] [(1,), (2,)]
+    False number in place 1 of the profiles' names [1, 10] (1, 2)
     >>> for way in ways_to_compare(["P 2", "P 3", "P 4"], ["1", "2", "3"]):
     ...     print(*way)
-    False number in place 1 of the names +1 [2, 3, 4] [2, 3, 4]
+    False number in place 1 of the profiles' names +1 [2, 3, 4] [2, 3, 4]
 
     Names are without folder and ending; they are no names if they are only numbers.
     Several numbers, as in 1.10, are compared as a whole too, or else the last of a
@@ -147,17 +148,17 @@ def ways_to_compare(labels: Names, names: Names) -> Iterator[Way]:
     """
     stems = [*map(stem_of, names)]
     if not "".join(stems).isdigit():
-        yield Way(True, "names", [*map(stem_of, labels)], stems)
+        yield Way(True, "profiles' names", [*map(stem_of, labels)], stems)
     of_labels, of_names = [*map(numbers_in, labels)], [*map(numbers_in, names)]
     if max(map(len, of_labels)) > 1:
-        yield Way(True, "numbers in the names", of_labels, of_names)
+        yield Way(True, "numbers in the profiles' names", of_labels, of_names)
     last = [numbers[-1] if numbers else None for numbers in of_labels]
     for k, sought in enumerate(zip(*of_names, strict=False), 1):
         shift = (0 in sought) - (0 in last)
         if None not in last and len({*sought}) == len({*last}):
             shift = min(last) - min(sought)
         shifted = [one + shift for one in sought]
-        what = f"number in place {k} of the names"
+        what = f"number in place {k} of the profiles' names"
         fits, fits_shifted = ({*some} <= {*last} for some in (sought, shifted))
         if fits or not fits_shifted:
             yield Way(False, what, last, sought)
@@ -179,7 +180,7 @@ class Match(NamedTuple):
         return f"by {self.title} and the {self.way.what}"
 
 
-def paired_by_label(poses: Block, names: Names) -> Pairing | None:
+def paired_by_label(poses: Poses, names: Names) -> Pairing | None:
     """The pairing by the labels, and the names or numbers in them, that serve most
     poses, and more than half of them and of the profiles, or else all profiles.
 
@@ -212,7 +213,7 @@ def paired_by_label(poses: Block, names: Names) -> Pairing | None:
     return pairing_of(poses, names, best.rows, best.how)
 
 
-def check_others(poses: Block, names: Names, best: Match, matches: list[Match]) -> None:
+def check_others(poses: Poses, names: Names, best: Match, matches: list[Match]) -> None:
     """Raise ScanError where a match that is as good as the best, or of another column,
     in which a lost cell makes it serve fewer, has another pose for a profile.
     """
@@ -261,7 +262,7 @@ def time_in(text: str, unit_s: float) -> float:
     return value
 
 
-def times_of(poses: Block, names: Names, layout: Layout) -> Times | None:
+def times_of(poses: Poses, names: Names, layout: Layout) -> Times | None:
     """The times of poses and profiles, if all have some, in the unit of the poses; in s
     if a user says them. Raises ScanError for numbers of an unknown unit.
     """
@@ -282,7 +283,7 @@ def times_of(poses: Block, names: Names, layout: Layout) -> Times | None:
     return Times(log, profiles) if np.isfinite([*log, *profiles]).all() else None
 
 
-def paired_by_time(poses: Block, names: Names, times: Times) -> Pairing | None:
+def paired_by_time(poses: Poses, names: Names, times: Times) -> Pairing | None:
     """The poses nearest in time, of a log only those where the robot stands still; or
     the log, where profiles were taken as the robot moved; None by another clock.
     """

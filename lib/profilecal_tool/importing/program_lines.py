@@ -7,7 +7,10 @@ from pathlib import Path
 
 from pandas import DataFrame
 
-from profilecal_tool.importing.blocks import Block, columns_titled
+from profilecal_tool.importing.blocks import (
+    Block,
+    columns_titled,
+)
 from profilecal_tool.importing.makers import ROBOTS
 
 LARGEST_PROGRAM = 2_000_000  # characters; what is longer is a table

@@ -18,6 +18,7 @@ from profilecal_tool.importing.blocks import (
     Blocks,
     Column,
     Files,
+    Poses,
     columns_titled,
     counted,
     is_of_other,
@@ -72,7 +73,7 @@ def retitled(block: Block, table: DataFrame, titles: list[str]) -> Block:
     return replace(block, table=table, columns=columns_titled(table, titles))
 
 
-def robot_poses(files: Files, layout: Layout) -> Block:
+def robot_poses(files: Files, layout: Layout) -> Poses:
     """The robot's poses in files. Raises ScanError; Question where it is uncertain."""
     tables, first = {}, None
     for path, blocks in files.items():
@@ -106,7 +107,7 @@ def robot_poses(files: Files, layout: Layout) -> Block:
     return replace(first, path=place, table=table, columns=columns)
 
 
-def check_whose(poses: Block, said: str) -> None:
+def check_whose(poses: Poses, said: str) -> None:
     """Raise Question where poses are of something else than the robot, which is not the
     entry that a user says; ScanError where they are inverses by their name, or where
     further columns of the same owner are called alike, but for x and z, which may be a
@@ -194,7 +195,7 @@ def question_on_columns(
     return Question(sentence, pose_columns=",".join(answers.values()))
 
 
-def length_scale(poses: Block) -> tuple[float, str]:
+def length_scale(poses: Poses) -> tuple[float, str]:
     """The scale of positions to mm, and their unit. Raises Question where that may be
     cm or inches.
     """
@@ -211,7 +212,7 @@ def length_scale(poses: Block) -> tuple[float, str]:
     return scale_of(poses.path, units, usual, LENGTH_UNITS)
 
 
-def angle_scale(poses: Block) -> tuple[float, str]:
+def angle_scale(poses: Poses) -> tuple[float, str]:
     """The scale of angles to the unit of their convention, degrees or for a vector
     radians, and their unit; 1 and "" for numbers that have none. Raises Question where
     it may be another.
@@ -226,20 +227,18 @@ def angle_scale(poses: Block) -> tuple[float, str]:
     scale /= ANGLE_UNITS[usual]
     columns = [poses.chosen[role] for role in roles]
     likely = likely_angle(numbers)
-    if convention.sequence:
-        # controllers write such angles in degrees, programmers in either
-        is_unsure = likely and not units
+    # controllers write such angles in degrees, programmers in either
+    if convention.sequence and likely and not units:
         doubt = f"angles up to {np.abs(numbers).max():.4g}; which, rad or deg?"
-    else:
-        length = np.linalg.norm(numbers, axis=1).max()
-        is_long = length > np.pi and not (units or poses.robot)
-        is_unsure = is_long or scale != 1
+        raise question_on_columns(poses, doubt, with_roles(columns, roles, likely))
+    length = np.linalg.norm(numbers, axis=1).max()
+    is_long = length > np.pi and not (units or poses.robot)
+    # angles that are called like a vector, most often W, P, R
+    if not convention.sequence and (is_long or scale != 1):
         what = listed(units) or "rad, longer than pi"
         doubt = f"a vector of {length:.4g} {what}; are they w, p, r?"
-        # angles that are called like a vector, most often W, P, R
-        roles = FANUC.columns
-    if is_unsure:
-        raise question_on_columns(poses, doubt, with_roles(columns, roles, likely))
+        wpr = with_roles(columns, FANUC.columns, likely)
+        raise question_on_columns(poses, doubt, wpr)
     return scale, unit
 
 
@@ -248,7 +247,7 @@ def likely_angle(numbers: np.ndarray) -> str:
     return "rad" if np.abs(numbers).max() <= 2 * np.pi else ""
 
 
-def pose_fields(poses: Block, labels: list[str]) -> tuple[Fields, Taken]:
+def pose_fields(poses: Poses, labels: list[str]) -> tuple[Fields, Taken]:
     """Fields of a Scan, and what was taken for granted. Raises ScanError; Question for
     a unit.
     """

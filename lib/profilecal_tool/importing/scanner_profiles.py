@@ -14,6 +14,7 @@ from profilecal_tool.importing.blocks import (
     Blocks,
     Column,
     Files,
+    Points,
     column_titled,
     label_of,
     of_one_entry,
@@ -22,8 +23,10 @@ from profilecal_tool.importing.folder_files import names_of
 from profilecal_tool.importing.points_in_mm import in_mm
 from profilecal_tool.importing.questions import Layout, Question, Taken, one_or_ask
 
+Profiles = Series  # points (n, 2) of each, mm, NaN where nothing was seen, by its name
 
-def points_in(block: Block, said: str) -> Block | None:
+
+def points_in(block: Block, said: str) -> Points | None:
     """The points of a block, by the columns that a user says, or else by titles.
 
     Raises ScanError; Question for several.
@@ -48,11 +51,11 @@ def points_in(block: Block, said: str) -> Block | None:
 
 
 def columns_said(block: Block, said: str) -> list[Column]:
-    """The columns of a block that a user says by titles or numbers, of those that are
-    there; with the units that are said. Raises ScanError for more than two.
+    """The columns of a block that a user says by numbers, from 1, or by titles, as far
+    as they are there; with the units that are said. Raises ScanError for more than two.
     """
-    columns = {str(column.at + 1): column for column in block.columns}
-    columns |= {column.name: column for column in block.columns}
+    columns = {column.name: column for column in block.columns}
+    columns |= {str(column.at + 1): column for column in block.columns}
     titles = [column_titled(0, title) for title in said.split(",")]
     if len(titles) > 2:
         raise ScanError(f"--columns {said}: expected two, of x and z")
@@ -74,7 +77,7 @@ def points_of_file(blocks: Blocks, layout: Layout) -> Blocks:
 
 def read_profiles(
     files: Files, expected: int, layout: Layout
-) -> tuple[Series, str, Taken]:
+) -> tuple[Profiles, str, Taken]:
     """The profiles in files, (n, 2) mm each, NaN where nothing was seen, by their
     names, "" for one that has none; their entry; and what was taken for granted. A file
     among several has one profile. `expected`: how many a table alone should have, 0 if
@@ -113,7 +116,7 @@ def rows_of_one(tables: Blocks, layout: Layout) -> int:
     return sum(rows_of_each(points, 1, layout).sum() for points in tables)
 
 
-def rows_of_each(points: Block, expected: int, layout: Layout) -> Series:
+def rows_of_each(points: Points, expected: int, layout: Layout) -> Series:
     """How many rows each profile in a table has, under its name, or its sheet's; they
     follow each other, as `profile_of_each_row` tells. Raises Question.
     """
@@ -123,7 +126,7 @@ def rows_of_each(points: Block, expected: int, layout: Layout) -> Series:
     return Series(rows, names or [points.sheet] * len(rows))
 
 
-def profile_of_each_row(points: Block, expected: int) -> tuple[ndarray, list[str]]:
+def profile_of_each_row(points: Points, expected: int) -> tuple[ndarray, list[str]]:
     """The profile of each row, from 0, and what profiles are called, if they are. So
     many are expected, 0 where that is not known; if several, or not known, they are
     told by the first of these that the table has::
@@ -161,7 +164,7 @@ def profile_of_each_row(points: Block, expected: int) -> tuple[ndarray, list[str
     return profile - profile[0], []
 
 
-def check_one_section(points: Block, profile: ndarray, layout: Layout) -> None:
+def check_one_section(points: Points, profile: ndarray, layout: Layout) -> None:
     """Raise Question where rows of a profile are of several scanners or sections, or
     lie along y.
     """

@@ -11,7 +11,11 @@ from pandas import DataFrame
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import Convention, pose_matrices
 from profilecal.scan.tables import ScanError, listed, naming
-from profilecal_tool.importing.blocks import Block, Blocks, label_of
+from profilecal_tool.importing.blocks import (
+    Blocks,
+    Poses,
+    label_of,
+)
 from profilecal_tool.importing.makers import ROBOTS, WORDS, XYZ
 from profilecal_tool.importing.questions import Layout, Question
 from profilecal_tool.importing.robot_poses import (
@@ -38,7 +42,7 @@ def lines_of_program(blocks: Blocks, maker: str) -> Program:
     return program
 
 
-def tools_in_data(blocks: Blocks, poses: Block, to_mm: float) -> list[Row]:
+def tools_in_data(blocks: Blocks, poses: Poses, to_mm: float) -> list[Row]:
     """Frames that no program of these poses declares: poses that do not change and are
     called a tool; and, beside poses in a table, files that are called so or have a line
     on one. Without numbers where these are not known, or may be in other units than the
@@ -70,8 +74,8 @@ def tools_in_data(blocks: Blocks, poses: Block, to_mm: float) -> list[Row]:
 
 
 def of_one_frame(
-    poses: Block, program: Program, which: str, layout: Layout
-) -> tuple[Block, str]:
+    poses: Poses, program: Program, which: str, layout: Layout
+) -> tuple[Poses, str]:
     """The poses of one frame, and its name: the one that a user wants, or else the only
     one that there is; "" if none is known. `which`: "tool" or "base".
 
@@ -98,7 +102,7 @@ def of_one_frame(
     return without(poses, others), wanted
 
 
-def only_frame(poses: Block, of_pose: dict[str, list], of_all: list, which: str) -> str:
+def only_frame(poses: Poses, of_pose: dict[str, list], of_all: list, which: str) -> str:
     """The only frame that lines and columns say; "" if there is none. That some poses
     have none says nothing of the others::
 
@@ -130,7 +134,7 @@ def only_frame(poses: Block, of_pose: dict[str, list], of_all: list, which: str)
     return only
 
 
-def without(poses: Block, names: set[str]) -> Block:
+def without(poses: Poses, names: set[str]) -> Poses:
     """The poses but for those of some names, in small letters."""
     if not poses.names:
         return poses
@@ -138,8 +142,8 @@ def without(poses: Block, names: set[str]) -> Block:
 
 
 def of_one_tool(
-    poses: Block, program: Program, blocks: Blocks, layout: Layout
-) -> tuple[Block, ndarray | None, str]:
+    poses: Poses, program: Program, blocks: Blocks, layout: Layout
+) -> tuple[Poses, ndarray | None, str]:
     """The poses of one tool, as their program and blocks of all files say; where it is
     on the flange (4, 4), mm, None for the flange itself; and words on it.
 
@@ -171,7 +175,7 @@ def of_one_tool(
 
 
 def matrix_of(
-    numbers: Numbers, to_mm: float, convention: Convention, poses: Block
+    numbers: Numbers, to_mm: float, convention: Convention, poses: Poses
 ) -> ndarray:
     """A tool's frame on the flange (4, 4), mm; its angles have the poses' unit."""
     scale, _ = angle_scale(poses)
@@ -179,7 +183,7 @@ def matrix_of(
     return pose_matrices(position * to_mm, angles * scale, convention.name)[0]
 
 
-def numbers_of_tool(poses: Block, rows: list[Row], tool: str) -> Numbers | None:
+def numbers_of_tool(poses: Poses, rows: list[Row], tool: str) -> Numbers | None:
     """The numbers of the tool that poses have, by its name, "" if none is known; None
     where they are the flange's. `rows` say of tools their names and their numbers, in
     the poses' convention. Raises Question.
@@ -216,7 +220,7 @@ def numbers_of_tool(poses: Block, rows: list[Row], tool: str) -> Numbers | None:
     )
 
 
-def check_moves_beside(poses: Block, program: Program) -> None:
+def check_moves_beside(poses: Poses, program: Program) -> None:
     """Raise ScanError where lines move beside one of these poses, and none to it."""
     kinds = "beside", "uses"
     beside, used = ({row.get("name") for row in program[kind]} for kind in kinds)
@@ -227,7 +231,7 @@ def check_moves_beside(poses: Block, program: Program) -> None:
         )
 
 
-def convention_of_tool(poses: Block) -> Convention:
+def convention_of_tool(poses: Poses) -> Convention:
     """The convention in which a user says a tool's angles: the poses', or W, P, R where
     these have no three.
     """

@@ -204,7 +204,7 @@ FOLDERS |= {
     "1.10 and 1.1": (
         listed("Pose,X [mm],Y,Z,A,B,C", "1.{n},{all}"),
         each("p_1.{}.csv", begin=1),
-        "by Pose and the numbers in the names",
+        "by Pose and the numbers in the profiles' names",
     ),
     "a date and a number": (
         german("Laufnummer"),
@@ -224,19 +224,19 @@ FOLDERS |= {
     "UTF-16": (
         german("Nr.", encoding="utf-16"),
         each("p{}.txt", encoding="utf-16", begin=1),
-        "number in place 1 of the names -1",
+        "number in place 1 of the profiles' names -1",
     ),
     "a pose before": (
         listed("Nr,X,Y,Z,A,B,C\nref,400,0,600,0,90,0\n0,400,0,600,0,90,0", "{n},{all}"),
         each("profile_{:03}.csv", begin=1),
-        "number in place 1 of the names; left out, without a profile: ref, 0",
+        "number in place 1 of the profiles' names; left out, without a profile: ref, 0",
     ),
     "units below": (
         upwards(
             "Nr;X;Y;Z;A;B;C\n;[m];[m];[m];°;°;°", "{k};{all}", scale=1e-3, between=";"
         ),
         each("p{}.csv", "# x,z\r\n# mm,mm"),
-        "number in place 1 of the names",
+        "number in place 1 of the profiles' names",
     ),
     "milliseconds": (
         log_with_stops,
@@ -251,7 +251,7 @@ FOLDERS |= {
     ),
     "points of nobody": (in_one_table, nothing, "in order"),
     "samples": (samples, nothing, "in order"),
-    "sheets": (csv, sheets, "by Name and the names"),
+    "sheets": (csv, sheets, "by Name and the profiles' names"),
     "driven backwards": (
         abb,
         one_each,
@@ -442,7 +442,7 @@ SAID = {
         listed("n,x,y,z,a,b,c", "{n},{all}"),
         one_each,
         edited("poses.csv", "\n6,", "\n99,"),
-        "number in place 1 of the names +1; left out, without a pose: scan_005; ",
+        "number in place 1 of the profiles' names +1; left out, without a pose: scan_",
     ),
     "a sample in each file": (
         listed(
@@ -452,7 +452,7 @@ SAID = {
             name="c{:02d}.json",
         ),
         nothing,
-        "X 0.0 to 60.0, Z 100.0 to 103.0 mm… by file and the names",
+        "X 0.0 to 60.0, Z 100.0 to 103.0 mm… by file and the profiles' names",
     ),
     "a list of heights": (
         tum,
@@ -468,7 +468,7 @@ SAID = {
     "heights behind names": (
         german("Messung"),
         a_file("z.csv", "X start [mm];0\nX pitch [mm];2,0\n" + HEIGHTS_BY_XP),
-        "X 0.0 to 38.0, Z 90.5 to 100.5 mm… by Messung and the names",
+        "X 0.0 to 38.0, Z 90.5 to 100.5 mm… by Messung and the profiles' names",
     ),
     "titles that count": (
         tum,
