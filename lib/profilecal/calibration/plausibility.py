@@ -153,7 +153,15 @@ def moved(
 
     Where none moved, a move makes the residuals n times as likely in one of n scans at
     most. Errors that were estimated without a move explain it if they are large: they
-    are looked at if they are smaller, too.
+    are looked at if they are smaller, too. Nothing moved where an error in every pose,
+    such as a wrong radius, makes them likelier still.
+
+    >>> from profilecal.calibration.plausibility import Evidence, moved, np
+    >>> clear = Evidence(np.eye(6), np.full(6, 10.0), 600.0, np.zeros((6, 6)))
+    >>> moved(["{} off"], [clear], np.zeros(1), other=0.0)
+    ['8.7 mm and 4.3° off']
+    >>> moved(["{} off"], [clear], np.zeros(1), other=1000.0)
+    []
     """
     count = len(words)
     with_one = without.repeat(count) + [says.log_odds for says in single]

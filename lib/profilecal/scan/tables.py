@@ -81,7 +81,10 @@ def text_of(path: Path, megabytes: int = LARGEST_MB, encoding: str = "") -> str:
     with naming(path):
         content = path.read_bytes()
         is_16 = content.startswith((BOM_UTF16_LE, BOM_UTF16_BE))
-        return content.decode(encoding or ("utf-16" if is_16 else "utf-8-sig"))
+        try:
+            return content.decode(encoding or ("utf-16" if is_16 else "utf-8-sig"))
+        except LookupError:
+            raise ScanError(f"{path}: no encoding is called {encoding}") from None
 
 
 def partial_of(path: Path) -> Path:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from profilecal.scan.folder import read_header, write_scan
-from profilecal.scan.scan import Scan
+from profilecal.scan.scan import Scan, described
 from profilecal.scan.tables import ScanError, new_folder, remove
 from profilecal.scan.toml import (
     TEXT,
@@ -127,12 +127,15 @@ def keep_header(folder: Path, partial: Path) -> None:
     another target.
     """
     former, new = (read_header(place / "scan.toml")[0] for place in (folder, partial))
-    for name in ("kind", "sizes", "mount"):
-        if new[name] != former[name]:
-            raise ScanError(
-                f"{folder / 'scan.toml'}: {name} is {former[name]}, where {new[name]} "
-                "is said now; name a new folder"
-            )
+    before, now = (
+        f"{described(header['kind'], header['sizes'].values())}, {header['mount']}"
+        for header in (former, new)
+    )
+    if before != now:
+        raise ScanError(
+            f"{folder / 'scan.toml'}: {before}, where {now} is said now; name a new "
+            "folder"
+        )
     copy(folder / "scan.toml", partial)
 
 

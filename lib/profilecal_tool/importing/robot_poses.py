@@ -90,8 +90,8 @@ def robot_poses(files: Files, layout: Layout) -> Poses:
         tables[path] = concat([block.table for block in poses])
     check_whose(first, layout.entry)
     if len(files) == 1:
-        return replace(first, table=tables[first.path].copy())  # as one piece
-    table = concat(tables)  # by files and lines
+        return replace(first, table=tables[first.path])
+    table = concat(tables).copy()  # by files and lines, as one piece
     # a further column of the files' names; where a row stands says the file too
     names, place = names_of(files), Path(commonpath(files))
     if len(table) > len(files) and len({path.parent for path in files}) > 1:
