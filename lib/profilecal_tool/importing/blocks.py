@@ -108,8 +108,8 @@ class Block:
 
     @property
     def names(self) -> list[str]:
-        """The names that a program gives the rows; none elsewhere."""
-        return self.labels.get("name", [])
+        """The names that a program gives the rows, in small letters; none elsewhere."""
+        return [*map(str.lower, self.labels.get("name", []))]
 
     @cached_property
     def poses(self) -> list[Self]:
@@ -199,7 +199,8 @@ def columns_titled(table: DataFrame, titles: list[str]) -> list[Column]:
     columns = {column.at: column for column in map(column_titled, table, titles)}
     for name, numbered in lists_among(columns.values()).items():
         is_long = len(numbered) > LARGEST_POSE
-        axis = column_titled(0, name).role if name else "z"
+        whole = column_titled(0, name)
+        axis = whole.role if name else "z"
         # heights have an owner of their own, so that they are no part of a pose
         roles, owner = [], name
         if is_long and axis in XYZ:
@@ -208,9 +209,10 @@ def columns_titled(table: DataFrame, titles: list[str]) -> list[Column]:
                 roles[0] = role_before_heights([*table[numbered[0].at]])
         elif name or titles == counted(len(titles)):
             cells = table[[column.at for column in numbered]]
-            roles, owner = roles_of_list(cells, name)
+            roles, owner = roles_of_list(cells, whole.name)
         for column, role in zip(numbered, roles, strict=False):  # none if not known
-            columns[column.at] = column._replace(role=role, owner=owner)
+            unit = column.unit or whole.unit  # of z1 [cm], or of all z_cm_1, z_cm_2, …
+            columns[column.at] = column._replace(role=role, owner=owner, unit=unit)
     return [*columns.values()]
 
 

@@ -37,8 +37,9 @@ def lines_of_program(blocks: Blocks, maker: str) -> Program:
     program = defaultdict(list)
     for block in blocks:
         if maker and block.robot == maker:
-            table = block.table.set_axis(block.titles, axis=1)
-            program[block.kind] += table.astype(object).fillna("").to_dict("records")
+            table = block.table.set_axis(block.titles, axis=1).astype(object)
+            table = table.fillna("").map(str.lower)  # to robots, P1 is p1
+            program[block.kind] += table.to_dict("records")
     return program
 
 
@@ -82,10 +83,10 @@ def of_one_frame(
     Raises Question where poses have several; ScanError where lines of no pose do, which
     does not matter if a user says the tool's numbers.
     """
-    # in small letters: of each pose that lines name, and of all by the other lines
+    # of each pose that lines name, and of all by the other lines
     of_pose, of_all = defaultdict(list), []
     for row in program["uses"]:
-        pose, frame = row.get("name", "").lower(), row.get(which, "").lower()
+        pose, frame = row.get("name", ""), row.get(which, "")
         if frame:
             (of_pose[pose] if pose else of_all).append(frame)
     column, wanted = layout.wanted
@@ -128,7 +129,7 @@ def only_frame(poses: Poses, of_pose: dict[str, list], of_all: list, which: str)
         )
     only = frames[0] if frames else ""
     is_of_all = bool(of_all or in_columns)
-    is_of_each = poses.names and of_pose.keys() >= {*map(str.lower, poses.names)}
+    is_of_each = poses.names and of_pose.keys() >= {*poses.names}
     if only in none and not (is_of_all or is_of_each):
         return ""
     return only
@@ -138,7 +139,7 @@ def without(poses: Poses, names: set[str]) -> Poses:
     """The poses but for those of some names, in small letters."""
     if not poses.names:
         return poses
-    return poses.rows_at([name.lower() not in names for name in poses.names])
+    return poses.rows_at([name not in names for name in poses.names])
 
 
 def of_one_tool(

@@ -49,7 +49,7 @@ from profilecal.scan.folder import read_scan
 from profilecal.scan.tables import ScanError
 from profilecal_tool.importing.import_scan import Layout, import_scan
 from profilecal_tool.importing.makers import ROBOTS, robot_of
-from profilecal_tool.importing.program_lines import program_blocks, rows_by_forms
+from profilecal_tool.importing.program_lines import KINDS, program_blocks, rows_by_forms
 from profilecal_tool.importing.robot_poses import pose_fields, robot_poses
 from profilecal_tool.importing.tool_frames import lines_of_program
 
@@ -692,13 +692,14 @@ def test_what_a_user_knows_is_kept_and_pictures_are_passed_over(tmp_path):
 @pytest.mark.parametrize("maker", ROBOTS)
 def test_each_form_of_a_line_takes_its_example(maker):
     robot = ROBOTS[maker]
-    for kind in ("pose", "tool", "base", "uses", "beside"):
+    for kind in KINDS:
         names, examples = [], []
         for form, example in getattr(robot, kind):
             table, _ = rows_by_forms([form], example)
-            fits = len(table.dropna(axis=1)) == 1
-            assert fits, f"makers.toml: {maker}: {form} is not the form of {example}"
-            names += [*table.get("name", [])]
+            assert len(table.dropna(axis=1)) == 1, (
+                f"{maker}: {form} is not of {example}"
+            )
+            names += map(str.lower, table.get("name", []))
             examples.append(example)
         blocks = program_blocks(Path(), "\n".join([robot.has, *examples]))
         rows = lines_of_program(blocks, maker)[kind]
