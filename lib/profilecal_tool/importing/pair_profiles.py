@@ -245,7 +245,8 @@ def time_in(text: str, unit_s: float) -> float:
     >>> [float(time_in(text, 1.0)) for text in ("31.12.1970 00:00:01", "00:00:01")]
     [31449601.0, nan]
     """
-    text = re.sub(r"(\d\d)\.(\d\d)\.((?:19|20)\d\d)", r"\3-\2-\1", text)  # German
+    if "." in text[:3]:  # 31.12.2026, German
+        text = re.sub(r"^(\d\d)\.(\d\d)\.((?:19|20)\d\d)", r"\3-\2-\1", text)
     if match := STAMP.search(text):
         moment = "{}-{}-{}T{}:{}:{}".format(*match.groups())
         try:

@@ -120,7 +120,9 @@ def runs_of_lines(
             at_top = at_top and not re.search(rb"\d", cells)
         elif not at_top:
             return 0
-        return len(cells.split(between)) if cells else 0
+        if not cells:
+            return 0
+        return cells.count(between) + 1 if between else len(cells.split())
 
     begin = offset = 0
     lines = watched(BytesIO(content), f"reading {path.name}", content.count(b"\n"))
