@@ -50,7 +50,7 @@ class MountCheck:
     moves: Evidence
     # by how much the sensor would have moved along or about each of its axes alone, the
     # standard deviations, in the same units, and the χ² that are left then, (3, 6)
-    along: ndarray
+    by_axis: ndarray
     # what the residuals say of moves of "sensor" or "target" alone, where it would be
     alone: dict[str, Evidence]
     freedom: float  # degrees of freedom with which the robot's errors are known
@@ -106,12 +106,12 @@ class MountCheck:
         """By how much the sensor would have moved along or about one of its axes alone,
         and the standard deviations, (2, 6).
         """
-        return self.along[:2] * HAND_PRECISION * DEGREES
+        return self.by_axis[:2] * HAND_PRECISION * DEGREES
 
     @property
     def axis(self) -> int:
         """Which of these six moves explains most."""
-        return int(np.argmin(self.along[2]))
+        return int(np.argmin(self.by_axis[2]))
 
     @property
     def seen_mm_deg(self) -> ndarray:
@@ -221,9 +221,10 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     state = State(T[:, :3, :3], T[:, :3, 3], (placement,))
     names = column_names(problem, [number], noise.accuracy_mm > 0)
 
-    def moves_from(there: State) -> Evidence:
-        """What the residuals say of moves from a state."""
-        model = problem.model(there, [*noise.of_robot])
+    def model_at(there: State) -> LinearModel:
+        return problem.model(there, [*noise.of_robot])
+
+    def moves_by(model: LinearModel) -> Evidence:
         return moves_after(model, noise, *joint.of(names), problem.units)
 
     def moves_of(part: slice) -> tuple[ndarray, Evidence]:
@@ -234,20 +235,20 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
                 break
             moved[part] += says.likeliest
             there = problem.move(state, moved[None] * problem.units)
-            says = moves_from(there).of(part)
+            says = moves_by(model_at(there)).of(part)
         return moved[part], says
 
-    moves = moves_from(state)
-    along = []
+    model = model_at(state)
+    moves, by_axis = moves_by(model), []
     for k in range(6):
         moved, says = moves_of(slice(k, k + 1))
         (step, sd), left = says.each()[:, 0], says.chi2 - says.explained
-        along.append([moved[0] + step, sd, left])
+        by_axis.append([moved[0] + step, sd, left])
     return MountCheck(
         labels=tuple(scan.labels[i] for i in seen.poses),
-        count=int(problem.model(state, []).ranks.sum()),
+        count=int(model.ranks.sum()),
         moves=moves,
-        along=np.transpose(along),
+        by_axis=np.transpose(by_axis),
         alone={"sensor": moves_of(slice(6))[1], "target": moves_of(slice(6, None))[1]},
         freedom=joint.freedom,
     )

@@ -156,7 +156,8 @@ def moved(
     are looked at if they are smaller, too. Nothing moved where an error in every pose,
     such as a wrong radius, makes them likelier still.
 
-    >>> from profilecal.calibration.plausibility import Evidence, moved, np
+    >>> import numpy as np
+    >>> from profilecal.calibration.plausibility import Evidence, moved
     >>> clear = Evidence(np.eye(6), np.full(6, 10.0), 600.0, np.zeros((6, 6)))
     >>> moved(["{} off"], [clear], np.zeros(1), other=0.0)
     ['8.7 mm and 4.3° off']

@@ -11,12 +11,7 @@ from numpy import ndarray
 from pandas import DataFrame, concat
 
 from profilecal.scan.tables import ScanError, cell_number, listed
-from profilecal_tool.importing.blocks import (
-    LARGEST_POSE,
-    Block,
-    Column,
-    only_count,
-)
+from profilecal_tool.importing.blocks import LARGEST_POSE, Block, Column, only_count
 from profilecal_tool.importing.questions import Layout, Question
 from profilecal_tool.importing.text_tables import BEGIN
 

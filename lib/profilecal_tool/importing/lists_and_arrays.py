@@ -16,10 +16,7 @@ from numpy import ndarray
 from pandas import DataFrame, Series, json_normalize
 
 from profilecal.scan.tables import ScanError, naming
-from profilecal_tool.importing.blocks import (
-    Block,
-    columns_titled,
-)
+from profilecal_tool.importing.blocks import Block, columns_titled
 from profilecal_tool.importing.makers import WORDS
 
 Arrays = dict[str, ndarray]  # by name

@@ -11,9 +11,7 @@ from pandas import Series, to_numeric
 from pandas.api.types import is_numeric_dtype
 
 from profilecal.scan.tables import ScanError, cell_number, listed
-from profilecal_tool.importing.blocks import (
-    Poses,
-)
+from profilecal_tool.importing.blocks import Poses
 from profilecal_tool.importing.makers import TIME_UNITS, XYZ, scale_of
 from profilecal_tool.importing.questions import Layout
 

@@ -7,9 +7,7 @@ from numpy import ndarray
 
 from profilecal.geometry.checks import FARTHEST_MM, READINGS_MM
 from profilecal.scan.tables import ScanError, listed
-from profilecal_tool.importing.blocks import (
-    Blocks,
-)
+from profilecal_tool.importing.blocks import Blocks
 from profilecal_tool.importing.makers import LENGTH_UNITS, UNIT_OF_CODE, scale_of
 from profilecal_tool.importing.questions import Layout, Question, Taken, ranges
 

@@ -7,10 +7,7 @@ from pathlib import Path
 
 from pandas import DataFrame
 
-from profilecal_tool.importing.blocks import (
-    Block,
-    columns_titled,
-)
+from profilecal_tool.importing.blocks import Block, columns_titled
 from profilecal_tool.importing.makers import ROBOTS
 
 LARGEST_PROGRAM = 2_000_000  # characters; what is longer is a table
@@ -18,7 +15,7 @@ LARGEST_PROGRAM = 2_000_000  # characters; what is longer is a table
 KINDS = "base", "tool", "uses", "beside", "pose"
 OF_MOVES = {"uses", "beside"}  # which may have a pose in them too
 WORD = r"[\w$][\w$.\[\]-]*?"
-WORDS = {"name": WORD, "tool": WORD, "base": WORD, "words": "[^'\n]*"}  # at $name, …
+CELLS = {"name": WORD, "tool": WORD, "base": WORD, "words": "[^'\n]*"}  # at $name, …
 CELL = r"[^\s,;:()\[\]{}\"'=]+"  # at others: a number, or ******** in place of one
 SIGNS = {"…": r"[^{};<>\n]*?", "⋮": r"[^{};<>]*?", "^": r"^[ \t]*(?:\d+[ \t]+)??"}
 NONE = DataFrame()  # one for all: to make each takes longer than to look for lines
@@ -34,7 +31,7 @@ def expression_of(form: str) -> re.Pattern:
     for token, after in pairwise([*tokens, ""]):
         name = token[1:]
         if token[0] == "$" and name:
-            parts.append(f"(?P<{name}>{WORDS.get(name, CELL)})")
+            parts.append(f"(?P<{name}>{CELLS.get(name, CELL)})")
         elif token.isspace():
             parts.append(r"[ \t]+")
         elif token[0].isalnum():

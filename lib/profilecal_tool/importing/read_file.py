@@ -8,9 +8,7 @@ from pathlib import Path
 from pandas import DataFrame, read_excel
 
 from profilecal.scan.tables import ScanError, naming, text_of
-from profilecal_tool.importing.blocks import (
-    Block,
-)
+from profilecal_tool.importing.blocks import Block
 from profilecal_tool.importing.folder_files import BINARY, SHEETS
 from profilecal_tool.importing.lists_and_arrays import binary_blocks, nested_blocks
 from profilecal_tool.importing.makers import ENCODINGS, FOREIGN, WORDS

@@ -78,19 +78,19 @@ def points_of_file(blocks: Blocks, layout: Layout) -> Blocks:
 def read_profiles(
     files: Files, expected: int, layout: Layout
 ) -> tuple[Profiles, str, Taken]:
-    """The profiles in files, (n, 2) mm each, NaN where nothing was seen, by their
-    names, "" for one that has none; their entry; and what was taken for granted. A file
-    among several has one profile. `expected`: how many a table alone should have, 0 if
-    that is not known.
+    """The profiles in files, of the name "" where they have none; their entry; and what
+    was taken for granted. A file among several has one profile. `expected`: how many a
+    table alone should have, 0 if that is not known.
 
     Raises ScanError; Question for a file with numbers, but without points.
     """
     place = Path(commonpath(files))
     found = []
     for blocks in files.values():
-        found.append(points_of_file(blocks, layout))
-        if not found[-1] and any(len(block.table) > 1 for block in blocks):
+        points = points_of_file(blocks, layout)
+        if not points and any(len(block.table) > 1 for block in blocks):
             raise question_on_points(blocks, layout.columns)
+        found.append(points)
     tables = [points for each in found for points in each]
     if not tables:
         raise ScanError(f"{place}: no profiles in these rows")

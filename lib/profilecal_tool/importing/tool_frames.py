@@ -11,11 +11,7 @@ from pandas import DataFrame
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import Convention, pose_matrices
 from profilecal.scan.tables import ScanError, listed, naming
-from profilecal_tool.importing.blocks import (
-    Blocks,
-    Poses,
-    label_of,
-)
+from profilecal_tool.importing.blocks import Blocks, Poses, label_of
 from profilecal_tool.importing.makers import ROBOTS, WORDS, XYZ
 from profilecal_tool.importing.questions import Layout, Question
 from profilecal_tool.importing.robot_poses import (

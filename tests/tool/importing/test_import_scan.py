@@ -442,7 +442,7 @@ SAID = {
         listed("n,x,y,z,a,b,c", "{n},{all}"),
         one_each,
         edited("poses.csv", "\n6,", "\n99,"),
-        "number in place 1 of the profiles' names +1; left out, without a pose: scan_",
+        "in place 1 of the profiles' names +1; left out, without a pose: scan_005; ",
     ),
     "a sample in each file": (
         listed(
@@ -579,7 +579,7 @@ SAID = {
     "no poses": (nothing, one_each, "no file holds the poses"),
     "two numbers": (
         upwards("Zeile,Bahnpunkt,X,Y,Z,A,B,C", "{at},{k},{all}"),
-        "by Zeile and the number in place 1 … or by Bahnpunkt and the number in",
+        "Zeile and the number in place 1 … or by Bahnpunkt and the number in place 1",
     ),
     "another clock": (
         tum,
